@@ -31,6 +31,13 @@ pub fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
+/// The distance of two points of an image.
+#[inline(always)]
+pub fn distance([ax, ay]: [f32; 2], [bx, by]: [f32; 2]) -> f32 {
+    let (x, y) = (ax - bx, ay - by);
+    (x * x + y * y).sqrt()
+}
+
 #[inline(always)]
 pub fn ycocg([r, g, b]: Color) -> Color {
     [

@@ -20,16 +20,43 @@ pub enum PixelsMut<'a> {
     /// Planar.
     Planar(BandMut<'a>),
     /// Interleaved.
-    Interleaved {
-        /// The band's first row.
-        top: usize,
-        /// Columns of the image.
-        width: usize,
-        /// Numbers of a pixel.
-        channels: usize,
-        /// The band's pixels.
-        data: &'a mut [f32],
-    },
+    Interleaved(RecordsMut<'a>),
+}
+
+/// A band of rows of an interleaved image.
+pub struct RecordsMut<'a> {
+    top: usize,
+    width: usize,
+    channels: usize,
+    data: &'a mut [f32],
+}
+
+impl RecordsMut<'_> {
+    #[inline(always)]
+    fn start(&self, run: Run) -> usize {
+        ((run.y - self.top) * self.width + run.x) * self.channels
+    }
+
+    /// The numbers of the run's pixels.
+    #[inline(always)]
+    pub(crate) fn part(&mut self, run: Run) -> &mut [f32] {
+        let start = self.start(run);
+        &mut self.data[start..][..run.len * self.channels]
+    }
+
+    /// The run's pixels, one after the other.
+    #[inline(always)]
+    pub(crate) fn pixels(&mut self, run: Run) -> impl Iterator<Item = &mut [f32]> {
+        let channels = self.channels;
+        self.part(run).chunks_exact_mut(channels)
+    }
+
+    /// Starts to bring the place of the run after this one, of the same length, into the cache.
+    #[inline(always)]
+    fn prefetch_after(&self, run: Run) {
+        let len = run.len * self.channels;
+        prefetch(self.data, self.start(run) + len, len);
+    }
 }
 
 impl<'a> PixelsMut<'a> {
@@ -56,18 +83,20 @@ impl<'a> PixelsMut<'a> {
         let bands = data.chunks_mut(BAND * width * channels);
         rows::bands(size.height)
             .zip(bands)
-            .map(move |(rows, data)| PixelsMut::Interleaved {
-                top: rows.start,
-                width,
-                channels,
-                data,
+            .map(move |(rows, data)| {
+                PixelsMut::Interleaved(RecordsMut {
+                    top: rows.start,
+                    width,
+                    channels,
+                    data,
+                })
             })
     }
 
     fn channels(&self) -> usize {
         match self {
             Self::Planar(band) => band.channels(),
-            Self::Interleaved { channels, .. } => *channels,
+            Self::Interleaved(band) => band.channels,
         }
     }
 
@@ -85,16 +114,9 @@ impl<'a> PixelsMut<'a> {
                     row[..run.len].copy_from_slice(part);
                 }
             }
-            Self::Interleaved {
-                top,
-                width,
-                channels,
-                data,
-            } => {
-                let start = ((run.y - *top) * *width + run.x) * *channels;
-                let records = &data[start..][..run.len * *channels];
-                for (i, record) in records.chunks_exact(*channels).enumerate() {
-                    for (row, &value) in into.iter_mut().zip(record) {
+            Self::Interleaved(band) => {
+                for (i, record) in band.pixels(run).enumerate() {
+                    for (row, &mut value) in into.iter_mut().zip(record) {
                         row[i] = value;
                     }
                 }
@@ -111,12 +133,9 @@ impl<'a> PixelsMut<'a> {
                 deinterleave(records, band.parts(run));
                 band.prefetch_after(run);
             }
-            Self::Interleaved {
-                top, width, data, ..
-            } => {
-                let start = ((run.y - *top) * *width + run.x) * channels;
-                data[start..][..records.len()].copy_from_slice(records);
-                prefetch(data, start + records.len(), records.len());
+            Self::Interleaved(band) => {
+                band.part(run).copy_from_slice(records);
+                band.prefetch_after(run);
             }
         }
     }
@@ -138,13 +157,9 @@ impl<'a> PixelsMut<'a> {
                 }
                 band.prefetch_after(run);
             }
-            Self::Interleaved {
-                top, width, data, ..
-            } => {
-                let start = ((run.y - *top) * *width + run.x) * channels;
-                let len = run.len * channels;
-                interleave(rows, &mut data[start..][..len]);
-                prefetch(data, start + len, len);
+            Self::Interleaved(band) => {
+                interleave(rows, band.part(run));
+                band.prefetch_after(run);
             }
         }
     }

@@ -58,6 +58,7 @@ def calls(height: int = 6, width: int = 9, seed: int = 0) -> dict[str, tuple[Cal
         ),
         "consistency": (yester.consistency, {"motion": motion, **tests}),
         "consistency(soft)": (yester.consistency, {"motion": motion, **tests, **lit, "normal_angle": (10, 40)}),
+        "consistency(motion)": (yester.consistency, {"motion": motion, "previous_motion": np.roll(motion, 3, 1)}),
         "blend_factor": (yester.blend_factor, {"confidence": length / 9, "motion": motion}),
         "clip_history": (yester.clip_history, {"history": history, "color": color}),
         "clip_history(hull)": (

@@ -8,7 +8,7 @@ import flight
 import numpy as np
 import yester
 from numpy.typing import NDArray
-from reference.taa import PRESETS, for_frame, same_surface, tells_depth
+from reference.taa import PRESETS, for_frame, is_unguided, same_surface, tells_depth, told_by_motion
 from yester.study.synthetic import raycast
 
 TILE = 16
@@ -411,11 +411,6 @@ def between_tiles(chosen: NDArray, height: int, width: int) -> NDArray[np.float3
     return rows[:, left] + across * (rows[:, right] - rows[:, left])
 
 
-def is_unguided(frame: yester.Frame) -> bool:
-    """Whether nothing tells surfaces or their texture apart."""
-    return all(each is None for each in (frame.depth, frame.normal, frame.ids, frame.albedo))
-
-
 def texture_of(frame: yester.Frame) -> dict:
     """Arguments of `demodulate` and `remodulate` for a frame with albedo."""
     mask = None if frame.ids is None else yester.is_reflectance(frame.albedo, frame.ids)
@@ -494,13 +489,14 @@ class SVGF:
         iterations=3,
         radius=1,
         sigma_luminance=3.0,
-        relative_noise=2.0,
+        relative_noise=2.5,
         sigma_normal=64.0,
         sigma_depth=0.5,
         sigma_plane=0.05,
         relative_depth=0.1,
         plane_distance=0.01,
         normal_angle=25.0,
+        motion_difference=0.5,
         relative_albedo=None,
         min_length=3.5,
         feedback=False,
@@ -520,6 +516,7 @@ class SVGF:
             "relative_depth": relative_depth,
             "plane_distance": plane_distance,
             "normal_angle": normal_angle,
+            "motion_difference": motion_difference,
         }
         self.filter = {"radius": radius, "sigma_luminance": sigma_luminance}
         self.relative_noise = np.inf if average_still else relative_noise
@@ -771,6 +768,8 @@ class SVGF:
             if now is not None and before is not None:
                 before = disowned(self.before, frame) if name == "ids" else before
                 tests |= {name: now, f"previous_{name}": before}
+        if np.max(self.limits["motion_difference"]) < np.inf:
+            tests |= told_by_motion(frame, self.before)
         if self.same_albedo and frame.albedo is not None:
             tests |= {"color": frame.albedo, "previous_color": self.before.albedo}
         if {"depth", "normal"} <= set(tests) and tells_depth(frame, motion):
@@ -861,6 +860,7 @@ class BMFR:
         relative_depth=0.1,
         plane_distance=0.01,
         normal_angle=25.0,
+        motion_difference=0.5,
         by_confidence=False,
         gradient=True,
         fireflies=False,
@@ -873,6 +873,7 @@ class BMFR:
             "relative_depth": relative_depth,
             "plane_distance": plane_distance,
             "normal_angle": normal_angle,
+            "motion_difference": motion_difference,
         }
         self.gradient, self.fireflies = gradient, fireflies
         self.innovation, self.antialias = innovation, antialias

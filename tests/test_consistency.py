@@ -55,7 +55,7 @@ def test_every_bit_occurs_and_does_not():
 
 
 def test_the_bits_are_named():
-    names = ["OUTSIDE", "DEPTH", "NORMAL", "ID", "VELOCITY", "LUMINANCE"]
+    names = ["OUTSIDE", "DEPTH", "NORMAL", "ID", "VELOCITY", "LUMINANCE", "MOTION"]
     assert [(bit.name, int(bit)) for bit in Rejection] == [(name, 2**i) for i, name in enumerate(names)]
 
 
@@ -125,6 +125,7 @@ def test_ramps_lie_between_their_ends(name):
     rng = np.random.default_rng(3)
     motion = rng.normal(0, 1, (40, 50, 3)).astype(np.float32)
     tests = {"relative_depth": ["depth"], "plane_distance": ["plane"], "normal_angle": ["normal"]}
+    tests |= {"motion_difference": ["motion"]}
     named = surface(rng, 40, 50, tests.get(name, ["color"]))
     named |= {"normal_angle": 180.0} if name == "plane_distance" else {}
     (_, less), (hard, more), (soft, between) = (
@@ -134,6 +135,33 @@ def test_ramps_lie_between_their_ends(name):
     assert (between <= more + 1e-6).all()
     np.testing.assert_array_equal(soft, hard)
     assert ((less < between - 0.01) & (between < more - 0.01)).mean() > 0.02
+
+
+@pytest.mark.parametrize("channels", [2, 3])
+@pytest.mark.parametrize("shake", [0, 1])
+def test_motion_tells_what_was_covered(shake, channels):
+    """An object moves right before what stands still; then, the camera may move as well."""
+    before, motion = np.zeros((2, 3, 20, channels), np.float32)
+    before[:, 4:8, 0] = motion[:, 6 - shake : 10 - shake, 0] = -2
+    motion[..., 0] += shake
+    shown = slice(0, 20 - shake)  # other pixels come from outside
+    rejection, confidence = check(motion, previous_motion=before)
+    # Now at columns 4 and 5 there is what the object covered.
+    uncovered = np.zeros(20, bool)
+    uncovered[4 - shake : 6 - shake] = True
+    np.testing.assert_array_equal(rejection[:, shown], np.tile(int(Rejection.MOTION) * uncovered, (3, 1))[:, shown])
+    np.testing.assert_array_equal(confidence[:, shown], np.tile(~uncovered, (3, 1))[:, shown])
+    rejection, _ = yester.consistency(motion, previous_motion=before, motion_difference=np.inf)
+    assert not (rejection & Rejection.MOTION).any()
+
+
+def test_unknown_previous_motion_passes():
+    motion, before = np.zeros((2, 3, 5, 2), np.float32)
+    before[1, 2] = [np.nan, 0]
+    before[1, 3] = [0, np.inf]
+    rejection, confidence = check(motion, previous_motion=before)
+    assert not rejection.any()
+    assert (confidence == 1).all()
 
 
 def test_every_pixel_has_its_bits():

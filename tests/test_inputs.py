@@ -243,6 +243,7 @@ def test_no_history():
 
 
 SURFACE = {"relative_depth": [0, -1, np.nan], "plane_distance": [0, -1, np.nan], "normal_angle": [-1, 181, np.nan]}
+SURFACE |= {"motion_difference": [-1, np.nan, (2, 1)]}
 SIGMAS = {"sigma_normal": [-1, np.nan], "sigma_depth": [0, -1, np.nan], "sigma_plane": [0, -1, np.nan]}
 RANGES = {
     "reproject": {**SURFACE, "filter": ["", "Bilinear", "cubic"]},

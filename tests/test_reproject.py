@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 RAMP = 0.3 * BAND / 1e-5  # the part of the tolerance that a ramp multiplies
 WIDE = ["catmull-rom", "catmull-rom-5", "lanczos-2"]
-TESTS = ["depth", "normal", "ids", "plane", "object_normal", "color"]
+TESTS = ["depth", "normal", "ids", "plane", "object_normal", "color", "motion"]
 # Hard and soft; whole-pixel motion lies on none of them.
 THRESHOLDS = {
     "relative_depth": [0.01, 0.1, 0.5, (0.02, 0.11), (0.05, 0.5)],
@@ -18,6 +18,7 @@ THRESHOLDS = {
     "normal_angle": [0.5, 25.0, 90.0, 179.0, (0.0, 30.0), (10.0, 25.0), (25.0, 180.0)],
     "relative_luminance": [0.3, 0.5, (0.0, 1.0), (0.2, 0.7), (0.1, 3.0)],
     "speed": [None, None, 1.3, 7.9, (0.0, 3.3), (0.7, 2.9)],
+    "motion_difference": [0.3, 0.5, np.inf, (0.1, 2.1), (0.4, 0.9)],
 }
 SOFT = {
     "relative_depth": (0.02, 0.1),
@@ -25,12 +26,13 @@ SOFT = {
     "normal_angle": (5.0, 25.0),
     "relative_luminance": (0.1, 0.6),
     "speed": (0.5, 1.5),
+    "motion_difference": (0.3, 1.1),
 }
 thresholds = {name: st.sampled_from(values) for name, values in THRESHOLDS.items()}
 
 
 def surface(rng, height, width, names) -> dict:
-    """The buffers of the named tests; "plane" stands for depth, normal and the previous camera."""
+    """The buffers of the named tests; "plane" is depth, normal and the previous camera, "motion" the previous one."""
     now = compare.surfaces(rng, height, width)
     buffers = now | compare.previous(rng, now)
     turned = compare.previous(rng, now)["previous_normal"]
@@ -39,7 +41,9 @@ def surface(rng, height, width, names) -> dict:
     again = color * rng.choice([0.25, 0.6, 0.9, 1.0, 1.7], (height, width, 1))
     buffers |= {"color": color, "previous_color": again.astype(np.float32)}
     names = set(names) | ({"depth", "normal"} if "plane" in names else set())
-    found = {key: buffers[key] for name in sorted(names - {"plane"}) for key in (name, f"previous_{name}")}
+    both = sorted(names - {"plane", "motion"})
+    found = {key: buffers[key] for name in both for key in (name, f"previous_{name}")}
+    found |= {"previous_motion": compare.motions(rng, height, width)} if "motion" in names else {}
     return found | ({"previous_camera": compare.camera(rng, width, height)} if "plane" in names else {})
 
 
@@ -380,6 +384,7 @@ def test_a_pair_of_equals_is_the_number(name, filter):
     history, motion = compare.colors(rng, 30, 40), compare.motions(rng, 30, 40, 3)
     named = surface(rng, 30, 40, TESTS) | {"filter": filter}
     threshold = {"relative_depth": 0.1, "plane_distance": 0.01, "normal_angle": 25.0, "relative_luminance": 0.5}
+    threshold |= {"motion_difference": 0.5}
     number = threshold.get(name, 1.3)
     if name == "relative_depth":
         del named["previous_camera"]  # the plane test would replace this one

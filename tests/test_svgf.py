@@ -74,9 +74,14 @@ def test_pipeline_is_its_kernels(named, replay):
     check_bits(frames_of((*NAMES, *(NEWER if replay else ["object_normal"])), 6), **named)
 
 
-@pytest.mark.parametrize("named", [{}, {"choice": False}, {"relative_noise": 0.5}, {"relative_noise": np.inf}], ids=str)
-def test_without_guides(named):
-    check_bits(frames_of(["motion"], 6), **named)
+@pytest.mark.parametrize(
+    "named",
+    [{}, {"choice": False}, {"relative_noise": 0.5}, {"relative_noise": np.inf}, {"motion_difference": (0, 0.2)}],
+    ids=str,
+)
+@pytest.mark.parametrize("names", [["motion"], ["motion", "depth"]], ids=str)
+def test_without_guides(named, names):
+    check_bits(frames_of(names, 6), **named)
 
 
 @pytest.mark.slow
@@ -854,6 +859,7 @@ def test_constant_stays(named):
         ("radius", [0, 3]),
         ("sigma_luminance", [0, -1, np.nan]),
         ("relative_noise", [0, -1, np.nan]),
+        ("motion_difference", [-1, np.nan]),
         ("sigma_normal", [-1, np.nan]),
         ("sigma_depth", [0, -1]),
         ("sigma_plane", [0, -1]),

@@ -93,6 +93,8 @@ class Rejection(_IntFlag):
         The motion is longer than allowed.
     LUMINANCE
         It has another brightness.
+    MOTION
+        It moved otherwise.
 
     See Also
     --------
@@ -121,6 +123,8 @@ class Rejection(_IntFlag):
     """The motion is longer than allowed."""
     LUMINANCE = 32
     """It has another brightness."""
+    MOTION = 64
+    """It moved otherwise."""
 
 
 __all__ = [

@@ -569,10 +569,10 @@ class SVGF(Pipeline):
         time.
     sigma_luminance : float, default 3.0
         The filter's scale of luminance differences, in standard deviations; above 0.
-    relative_noise : float, default 2.0
+    relative_noise : float, default 2.5
         Most standard deviation of one sample that the filter expects, in multiples of the light around it (`atrous`),
-        in frames without depth, normals, ids and albedo, where edges look like noise; above 0, +inf for no limit. There
-        is none with `average_still`.
+        in frames without normals, ids and albedo, where edges look like noise; above 0, +inf for no limit. With
+        `average_still`, there is none.
     sigma_normal : float, default 64.0
         Sharpness of the filter's normal weight; from 0.
     sigma_depth, sigma_plane : float, default 0.5 and 0.05
@@ -585,6 +585,10 @@ class SVGF(Pipeline):
         Largest distance from the history's plane, relative to depth; above 0. For frames with these.
     normal_angle : float or (float, float), default 25.0
         Largest angle between a pixel's normal and its history's, in degrees, 0 to 180.
+    motion_difference : float or (float, float), default 0.5
+        Largest difference of a pixel's motion from that of the previous frame's pixel where it comes from, in pixels,
+        above twice the least among all that come from there (`consistency`); from 0, +inf for any. For frames without
+        depth, unless their motion changes from pixel to pixel, as in grass.
     relative_albedo : float or (float, float), optional
         Largest relative difference between the luminance of a pixel's albedo and its history's, at least 0: rejects
         history where textures change or move. Illumination usually survives a change of texture, so by default this is
@@ -694,13 +698,14 @@ class SVGF(Pipeline):
         iterations: int = 3,
         radius: int = 1,
         sigma_luminance: float = 3.0,
-        relative_noise: float = 2.0,
+        relative_noise: float = 2.5,
         sigma_normal: float = 64.0,
         sigma_depth: float = 0.5,
         sigma_plane: float = 0.05,
         relative_depth: _Threshold = 0.1,
         plane_distance: _Threshold = 0.01,
         normal_angle: _Threshold = 25.0,
+        motion_difference: _Threshold = 0.5,
         relative_albedo: _Threshold | None = None,
         min_length: float = 3.5,
         feedback: bool = False,
@@ -914,8 +919,8 @@ class BMFR(Pipeline):
         Side of the blocks in pixels, 4 to 256. The paper has 32, for images of 1280×720.
     features : {"fewest", "all"}, default "fewest"
         As in `regress`.
-    relative_depth, plane_distance, normal_angle : float or (float, float), default 0.1, 0.01 and 25.0
-        As in `SVGF`.
+    relative_depth, plane_distance, normal_angle, motion_difference : float or (float, float)
+        As in `SVGF`, with its defaults, 0.1, 0.01, 25.0 and 0.5.
     by_confidence : bool, default False
         Raise the new sample's weight where confidence in history is low: ``alpha + (1 - confidence) (1 - alpha)``.
     gradient : bool, default True
@@ -976,6 +981,7 @@ class BMFR(Pipeline):
         relative_depth: _Threshold = 0.1,
         plane_distance: _Threshold = 0.01,
         normal_angle: _Threshold = 25.0,
+        motion_difference: _Threshold = 0.5,
         by_confidence: bool = False,
         gradient: bool = True,
         fireflies: bool = False,
@@ -1742,12 +1748,14 @@ def reproject(
     previous_object_normal: ArrayLike | None = None,
     color: ArrayLike | None = None,
     previous_color: ArrayLike | None = None,
+    previous_motion: ArrayLike | None = None,
     previous_camera: Camera | None = None,
     relative_depth: _Threshold = 0.1,
     plane_distance: _Threshold = 0.01,
     normal_angle: _Threshold = 25.0,
     relative_luminance: _Threshold = 0.5,
     speed: _Threshold | None = None,
+    motion_difference: _Threshold = 0.5,
     out: tuple[Sequence[_Floats] | None, _Floats | None] | None = None,
 ) -> tuple[list[_Floats], _Floats]:
     """Reprojection: fetches history along motion vectors, each tap validated.
@@ -1778,6 +1786,9 @@ def reproject(
         `normal`.
     color, previous_color : (H, W, 3) array_like of float, optional
         Compared by luminance. Missing samples pass.
+    previous_motion : (H, W, 2) or (H, W, 3) array_like of float, optional
+        The previous frame's own motion. Tells what is uncovered from what covered it where no other buffer does. Where
+        it is not finite, it is unknown, and all pass.
     previous_camera : Camera, optional
         Turns the depth test from relative depth to plane distance; needs depths, normals and motion of 3 channels.
     relative_depth : float or (float, float), default 0.1
@@ -1791,6 +1802,9 @@ def reproject(
         Largest ``|l - l'| / max(|l|, |l'|)`` of the luminances; from 0.
     speed : float or (float, float), optional
         Longest motion in pixels; from 0. By default any.
+    motion_difference : float or (float, float), default 0.5
+        Largest difference of the pixel's motion from the tap's in the previous frame, in pixels, above twice the least
+        such difference among all pixels whose 2×2 footprints have the tap; from 0, +inf for any.
     out : tuple of values, as `history` has them, and of (H, W) float32 coverage, optional
         Written and returned instead of new arrays; they may be inputs. A part may be None.
 
@@ -1860,12 +1874,14 @@ def reproject(
     previous_object_normal: ArrayLike | None = None,
     color: ArrayLike | None = None,
     previous_color: ArrayLike | None = None,
+    previous_motion: ArrayLike | None = None,
     previous_camera: Camera | None = None,
     relative_depth: _Threshold = 0.1,
     plane_distance: _Threshold = 0.01,
     normal_angle: _Threshold = 25.0,
     relative_luminance: _Threshold = 0.5,
     speed: _Threshold | None = None,
+    motion_difference: _Threshold = 0.5,
     out: tuple[_Floats | None, _Floats | None] | None = None,
 ) -> tuple[_Floats, _Floats]:
     """Reprojection: fetches history along motion vectors, each tap validated.
@@ -1896,6 +1912,9 @@ def reproject(
         `normal`.
     color, previous_color : (H, W, 3) array_like of float, optional
         Compared by luminance. Missing samples pass.
+    previous_motion : (H, W, 2) or (H, W, 3) array_like of float, optional
+        The previous frame's own motion. Tells what is uncovered from what covered it where no other buffer does. Where
+        it is not finite, it is unknown, and all pass.
     previous_camera : Camera, optional
         Turns the depth test from relative depth to plane distance; needs depths, normals and motion of 3 channels.
     relative_depth : float or (float, float), default 0.1
@@ -1909,6 +1928,9 @@ def reproject(
         Largest ``|l - l'| / max(|l|, |l'|)`` of the luminances; from 0.
     speed : float or (float, float), optional
         Longest motion in pixels; from 0. By default any.
+    motion_difference : float or (float, float), default 0.5
+        Largest difference of the pixel's motion from the tap's in the previous frame, in pixels, above twice the least
+        such difference among all pixels whose 2×2 footprints have the tap; from 0, +inf for any.
     out : tuple of values, as `history` has them, and of (H, W) float32 coverage, optional
         Written and returned instead of new arrays; they may be inputs. A part may be None.
 
@@ -1973,12 +1995,14 @@ def consistency(
     previous_object_normal: ArrayLike | None = None,
     color: ArrayLike | None = None,
     previous_color: ArrayLike | None = None,
+    previous_motion: ArrayLike | None = None,
     previous_camera: Camera | None = None,
     relative_depth: _Threshold = 0.1,
     plane_distance: _Threshold = 0.01,
     normal_angle: _Threshold = 25.0,
     relative_luminance: _Threshold = 0.5,
     speed: _Threshold | None = None,
+    motion_difference: _Threshold = 0.5,
     out: tuple[NDArray[np.uint8] | None, _Floats | None] | None = None,
 ) -> tuple[NDArray[np.uint8], _Floats]:
     """History validation: the tests that each pixel's history fails, and the confidence in it.
@@ -2000,6 +2024,9 @@ def consistency(
         `normal`.
     color, previous_color : (H, W, 3) array_like of float, optional
         Compared by luminance. Missing samples pass.
+    previous_motion : (H, W, 2) or (H, W, 3) array_like of float, optional
+        The previous frame's own motion. Tells what is uncovered from what covered it where no other buffer does. Where
+        it is not finite, it is unknown, and all pass.
     previous_camera : Camera, optional
         Turns the depth test from relative depth to plane distance; needs depths, normals and motion of 3 channels.
     relative_depth : float or (float, float), default 0.1
@@ -2013,6 +2040,9 @@ def consistency(
         Largest ``|l - l'| / max(|l|, |l'|)`` of the luminances; from 0.
     speed : float or (float, float), optional
         Longest motion in pixels; from 0. By default any.
+    motion_difference : float or (float, float), default 0.5
+        Largest difference of the pixel's motion from the tap's in the previous frame, in pixels, above twice the least
+        such difference among all pixels whose 2×2 footprints have the tap; from 0, +inf for any.
     out : tuple of (H, W) uint8 and (H, W) float32 arrays, optional
         Written and returned instead of new arrays. A part may be None.
 
@@ -2040,6 +2070,11 @@ def consistency(
     Expected depth is depth plus the motion's third channel, or depth itself. Background (+inf) matches background only;
     NaN or non-positive depth matches nothing. The plane test is that of NRD's ReLAX and ReBLUR [1]_; the relative test
     at a tenth and the angle of 25° are customary values.
+
+    With `previous_motion`, of the pixels that come from one place those are taken to have been there whose motion has
+    changed least. Where speed changes for all, by a camera in the hand, none is rejected. The claim c of a tap is the
+    least ``|m - m'|`` of all pixels whose footprint has it, 0 if there is none, with m' its own motion in the previous
+    frame; ``|m - m'| - 2c`` is compared. In leaves thinner than a pixel, motion says nothing: leave it out.
 
     References
     ----------
@@ -3603,7 +3638,7 @@ def atrous(
     iterations: int = 5,
     radius: int = 2,
     sigma_luminance: float = 4.0,
-    relative_noise: float = 2.0,
+    relative_noise: float = 2.5,
     sigma_normal: float = 128.0,
     sigma_depth: float = 0.5,
     sigma_plane: float = 0.05,
@@ -3623,7 +3658,7 @@ def atrous(
         where nothing is predicted: the colour's luminance is used instead.
     history_length : (H, W) array_like of float, optional
         Number of samples that a pixel is the mean of. The noise is then limited by `relative_noise`. For frames without
-        guides: with them, this keeps noise where rare bright samples make all of the light.
+        normals, ids and albedo: with them, this keeps noise where rare bright samples make all of the light.
     depth : (H, W) array_like of float, optional
         View-space z; +inf, NaN or not above 0 is background, which does not mix with surfaces.
     normal : (H, W, 3) array_like of float, optional
@@ -3636,7 +3671,7 @@ def atrous(
         Radius of a pass in taps: 2 for 5×5, 1 for 3×3.
     sigma_luminance : float, default 4.0
         Scale of luminance differences, in standard deviations; above 0.
-    relative_noise : float, default 2.0
+    relative_noise : float, default 2.5
         Most standard deviation of one sample that is expected, in multiples of the light around it, with
         `history_length`; above 0, may be +inf.
     sigma_normal : float, default 128.0
@@ -3719,7 +3754,7 @@ def atrous(
     iterations: int = 5,
     radius: int = 2,
     sigma_luminance: float = 4.0,
-    relative_noise: float = 2.0,
+    relative_noise: float = 2.5,
     sigma_normal: float = 128.0,
     sigma_depth: float = 0.5,
     sigma_plane: float = 0.05,
@@ -3739,7 +3774,7 @@ def atrous(
         where nothing is predicted: the colour's luminance is used instead.
     history_length : (H, W) array_like of float, optional
         Number of samples that a pixel is the mean of. The noise is then limited by `relative_noise`. For frames without
-        guides: with them, this keeps noise where rare bright samples make all of the light.
+        normals, ids and albedo: with them, this keeps noise where rare bright samples make all of the light.
     depth : (H, W) array_like of float, optional
         View-space z; +inf, NaN or not above 0 is background, which does not mix with surfaces.
     normal : (H, W, 3) array_like of float, optional
@@ -3752,7 +3787,7 @@ def atrous(
         Radius of a pass in taps: 2 for 5×5, 1 for 3×3.
     sigma_luminance : float, default 4.0
         Scale of luminance differences, in standard deviations; above 0.
-    relative_noise : float, default 2.0
+    relative_noise : float, default 2.5
         Most standard deviation of one sample that is expected, in multiples of the light around it, with
         `history_length`; above 0, may be +inf.
     sigma_normal : float, default 128.0

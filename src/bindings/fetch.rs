@@ -8,10 +8,11 @@ use super::arrays::{Channels, Direct, Input, MOTION, Out, choice, detached, part
 use super::camera::Camera;
 use super::validate::SurfaceArgs;
 use crate::error::Error;
-use crate::image::Size;
+use crate::image::{Records, Size};
 use crate::kernels::fetch::footprint::Filter;
 use crate::kernels::fetch::reproject::{self, reproject_records};
 use crate::kernels::fetch::validate::{self, Threshold};
+use crate::kernels::judge::claims::claims;
 
 /// Reprojection: fetches history along motion vectors, each tap validated.
 ///
@@ -41,6 +42,9 @@ use crate::kernels::fetch::validate::{self, Threshold};
 ///     `normal`.
 /// color, previous_color : (H, W, 3) array_like of float, optional
 ///     Compared by luminance. Missing samples pass.
+/// previous_motion : (H, W, 2) or (H, W, 3) array_like of float, optional
+///     The previous frame's own motion. Tells what is uncovered from what covered it where no other buffer does. Where
+///     it is not finite, it is unknown, and all pass.
 /// previous_camera : Camera, optional
 ///     Turns the depth test from relative depth to plane distance; needs depths, normals and motion of 3 channels.
 /// relative_depth : float or (float, float), default 0.1
@@ -54,6 +58,9 @@ use crate::kernels::fetch::validate::{self, Threshold};
 ///     Largest ``|l - l'| / max(|l|, |l'|)`` of the luminances; from 0.
 /// speed : float or (float, float), optional
 ///     Longest motion in pixels; from 0. By default any.
+/// motion_difference : float or (float, float), default 0.5
+///     Largest difference of the pixel's motion from the tap's in the previous frame, in pixels, above twice the least
+///     such difference among all pixels whose 2×2 footprints have the tap; from 0, +inf for any.
 /// out : tuple of values, as `history` has them, and of (H, W) float32 coverage, optional
 ///     Written and returned instead of new arrays; they may be inputs. A part may be None.
 ///
@@ -106,13 +113,15 @@ use crate::kernels::fetch::validate::{self, Threshold};
 #[pyfunction]
 #[pyo3(signature = (history, motion, *, filter="bilinear", fallback=true, dering=true, depth=None, previous_depth=None, normal=None,
     previous_normal=None, ids=None, previous_ids=None, object_normal=None, previous_object_normal=None, color=None,
-    previous_color=None, previous_camera=None, relative_depth=Threshold::hard(0.1), plane_distance=Threshold::hard(0.01),
-    normal_angle=Threshold::hard(25.0), relative_luminance=Threshold::hard(0.5), speed=None, out=None))]
+    previous_color=None, previous_motion=None, previous_camera=None, relative_depth=Threshold::hard(0.1),
+    plane_distance=Threshold::hard(0.01),
+    normal_angle=Threshold::hard(25.0), relative_luminance=Threshold::hard(0.5), speed=None,
+    motion_difference=Threshold::hard(0.5), out=None))]
 #[pyo3(
     text_signature = "(history, motion, *, filter='bilinear', fallback=True, dering=True, depth=None, previous_depth=None, \
     normal=None, previous_normal=None, ids=None, previous_ids=None, object_normal=None, previous_object_normal=None, \
-    color=None, previous_color=None, previous_camera=None, relative_depth=0.1, plane_distance=0.01, \
-    normal_angle=25.0, relative_luminance=0.5, speed=None, out=None)"
+    color=None, previous_color=None, previous_motion=None, previous_camera=None, relative_depth=0.1, plane_distance=0.01, \
+    normal_angle=25.0, relative_luminance=0.5, speed=None, motion_difference=0.5, out=None)"
 )]
 #[pyo3(name = "reproject")]
 pub fn reproject_<'py>(
@@ -132,12 +141,14 @@ pub fn reproject_<'py>(
     previous_object_normal: Option<&Bound<'py, PyAny>>,
     color: Option<&Bound<'py, PyAny>>,
     previous_color: Option<&Bound<'py, PyAny>>,
+    previous_motion: Option<&Bound<'py, PyAny>>,
     previous_camera: Option<&Camera>,
     relative_depth: Threshold,
     plane_distance: Threshold,
     normal_angle: Threshold,
     relative_luminance: Threshold,
     speed: Option<Threshold>,
+    motion_difference: Threshold,
     out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyArrayDyn<f32>>)> {
     let filter = choice("filter", filter, &Filter::NAMES)?;
@@ -173,6 +184,7 @@ pub fn reproject_<'py>(
             [ids, previous_ids],
             [object_normal, previous_object_normal],
             [color, previous_color],
+            previous_motion,
             previous_camera,
             validate::Params {
                 relative_depth,
@@ -180,11 +192,12 @@ pub fn reproject_<'py>(
                 normal_angle,
                 relative_luminance,
                 speed,
+                motion_difference,
             },
         )?;
 
         let history: Vec<_> = images.iter().map(Input::pixels).collect();
-        let (motion, tests) = (motion.pixels(), surface.tests());
+        let (motion, tests, before) = (motion.pixels(), surface.tests(), surface.previous_motion());
         let [first, second] = parts(out.as_ref())?;
         let values = if several {
             listed(first, images.len())?
@@ -213,6 +226,8 @@ pub fn reproject_<'py>(
                     fallback,
                     dering,
                 };
+                let claims = before.map(|before| claims(motion, before));
+                let tests = tests.with_claims(claims.as_ref().map(Records::pixels));
                 reproject_records(&history, motion, tests, params, values, coverage);
             })?;
         }

@@ -165,7 +165,7 @@ pub fn estimate_variance_<'py>(
 ///     where nothing is predicted: the colour's luminance is used instead.
 /// history_length : (H, W) array_like of float, optional
 ///     Number of samples that a pixel is the mean of. The noise is then limited by `relative_noise`. For frames without
-///     guides: with them, this keeps noise where rare bright samples make all of the light.
+///     normals, ids and albedo: with them, this keeps noise where rare bright samples make all of the light.
 /// depth : (H, W) array_like of float, optional
 ///     View-space z; +inf, NaN or not above 0 is background, which does not mix with surfaces.
 /// normal : (H, W, 3) array_like of float, optional
@@ -178,7 +178,7 @@ pub fn estimate_variance_<'py>(
 ///     Radius of a pass in taps: 2 for 5×5, 1 for 3×3.
 /// sigma_luminance : float, default 4.0
 ///     Scale of luminance differences, in standard deviations; above 0.
-/// relative_noise : float, default 2.0
+/// relative_noise : float, default 2.5
 ///     Most standard deviation of one sample that is expected, in multiples of the light around it, with
 ///     `history_length`; above 0, may be +inf.
 /// sigma_normal : float, default 128.0
@@ -248,7 +248,7 @@ pub fn estimate_variance_<'py>(
 /// True
 #[pyfunction]
 #[pyo3(signature = (color, variance, *, prediction=None, history_length=None, depth=None, normal=None, ids=None,
-    iterations=5, radius=2, sigma_luminance=4.0, relative_noise=2.0, sigma_normal=128.0, sigma_depth=0.5, sigma_plane=0.05, out=None))]
+    iterations=5, radius=2, sigma_luminance=4.0, relative_noise=2.5, sigma_normal=128.0, sigma_depth=0.5, sigma_plane=0.05, out=None))]
 #[pyo3(name = "atrous")]
 pub fn atrous_<'py>(
     py: Python<'py>,

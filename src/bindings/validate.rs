@@ -7,9 +7,10 @@ use pyo3::prelude::*;
 use super::arrays::{COLOR, Channels, Direct, Input, MOTION, Number, Out, detached, needs, parts};
 use super::camera::{Camera, check_size};
 use crate::error::Error;
-use crate::image::{Pixels, bands_of};
+use crate::image::{Pixels, Records, bands_of};
 use crate::kernels::camera::pinhole;
 use crate::kernels::fetch::validate::{self, Surface, Tests, Threshold};
+use crate::kernels::judge::claims::claims;
 use crate::kernels::judge::consistency;
 
 /// A number, or a ramp's ends: full trust up to the first, none beyond the second.
@@ -41,6 +42,7 @@ pub struct SurfaceArgs<'py> {
     ids: Pair<Input<'py, u32>>,
     object_normal: Pair<Input<'py>>,
     color: Pair<Input<'py>>,
+    previous_motion: Option<Input<'py>>,
     camera: Option<pinhole::Camera>,
     params: validate::Params,
 }
@@ -74,6 +76,7 @@ impl<'py> SurfaceArgs<'py> {
         ids: [Arg<'_, 'py>; 2],
         object_normal: [Arg<'_, 'py>; 2],
         color: [Arg<'_, 'py>; 2],
+        previous_motion: Arg<'_, 'py>,
         camera: Option<&Camera>,
         params: validate::Params,
     ) -> PyResult<Self> {
@@ -85,6 +88,11 @@ impl<'py> SurfaceArgs<'py> {
         }
         let vectors =
             |v: &Bound<'py, PyAny>, name: &str| Input::new(v, name, COLOR)?.sized(name, size);
+        let previous_motion = previous_motion
+            .map(|v| {
+                Input::<f32>::new(v, "previous_motion", MOTION)?.sized("previous_motion", size)
+            })
+            .transpose()?;
         Ok(Self {
             depth: pair(depth, ["depth", "previous_depth"], |v, name| {
                 Input::new(v, name, Channels::One)?.sized(name, size)
@@ -99,6 +107,7 @@ impl<'py> SurfaceArgs<'py> {
             ids: pair(ids, ["ids", "previous_ids"], |v, name| {
                 Input::new(v, name, Channels::One)?.sized(name, size)
             })?,
+            previous_motion,
             camera: camera.map(|camera| camera.inner),
             params,
         })
@@ -117,6 +126,11 @@ impl<'py> SurfaceArgs<'py> {
         };
         let rays = self.camera.as_ref().map(pinhole::Camera::rays);
         Tests::new(buffers(0), buffers(1), rays, &self.params)
+    }
+
+    /// For the test of motion, which looks for [`claims`] first.
+    pub fn previous_motion(&self) -> Option<Pixels<'_>> {
+        self.previous_motion.as_ref().map(Input::pixels)
     }
 }
 
@@ -153,6 +167,9 @@ fn pair<'py, T>(
 ///     `normal`.
 /// color, previous_color : (H, W, 3) array_like of float, optional
 ///     Compared by luminance. Missing samples pass.
+/// previous_motion : (H, W, 2) or (H, W, 3) array_like of float, optional
+///     The previous frame's own motion. Tells what is uncovered from what covered it where no other buffer does. Where
+///     it is not finite, it is unknown, and all pass.
 /// previous_camera : Camera, optional
 ///     Turns the depth test from relative depth to plane distance; needs depths, normals and motion of 3 channels.
 /// relative_depth : float or (float, float), default 0.1
@@ -166,6 +183,9 @@ fn pair<'py, T>(
 ///     Largest ``|l - l'| / max(|l|, |l'|)`` of the luminances; from 0.
 /// speed : float or (float, float), optional
 ///     Longest motion in pixels; from 0. By default any.
+/// motion_difference : float or (float, float), default 0.5
+///     Largest difference of the pixel's motion from the tap's in the previous frame, in pixels, above twice the least
+///     such difference among all pixels whose 2×2 footprints have the tap; from 0, +inf for any.
 /// out : tuple of (H, W) uint8 and (H, W) float32 arrays, optional
 ///     Written and returned instead of new arrays. A part may be None.
 ///
@@ -194,6 +214,11 @@ fn pair<'py, T>(
 /// NaN or non-positive depth matches nothing. The plane test is that of NRD's ReLAX and ReBLUR [1]_; the relative test
 /// at a tenth and the angle of 25° are customary values.
 ///
+/// With `previous_motion`, of the pixels that come from one place those are taken to have been there whose motion has
+/// changed least. Where speed changes for all, by a camera in the hand, none is rejected. The claim c of a tap is the
+/// least ``|m - m'|`` of all pixels whose footprint has it, 0 if there is none, with m' its own motion in the previous
+/// frame; ``|m - m'| - 2c`` is compared. In leaves thinner than a pixel, motion says nothing: leave it out.
+///
 /// References
 /// ----------
 /// .. [1] NVIDIA, "NVIDIA Real-Time Denoisers" (ReBLUR, ReLAX), github.com/NVIDIA-RTX/NRD; D. Zhdan, "ReBLUR: a
@@ -215,13 +240,14 @@ fn pair<'py, T>(
 #[pyfunction]
 #[pyo3(name = "consistency", signature = (motion, *, depth=None, previous_depth=None, normal=None, previous_normal=None, ids=None,
     previous_ids=None, object_normal=None, previous_object_normal=None, color=None, previous_color=None,
-    previous_camera=None, relative_depth=Threshold::hard(0.1), plane_distance=Threshold::hard(0.01),
-    normal_angle=Threshold::hard(25.0), relative_luminance=Threshold::hard(0.5), speed=None, out=None))]
+    previous_motion=None, previous_camera=None, relative_depth=Threshold::hard(0.1), plane_distance=Threshold::hard(0.01),
+    normal_angle=Threshold::hard(25.0), relative_luminance=Threshold::hard(0.5), speed=None,
+    motion_difference=Threshold::hard(0.5), out=None))]
 #[pyo3(
     text_signature = "(motion, *, depth=None, previous_depth=None, normal=None, previous_normal=None, ids=None, \
     previous_ids=None, object_normal=None, previous_object_normal=None, color=None, previous_color=None, \
-    previous_camera=None, relative_depth=0.1, plane_distance=0.01, normal_angle=25.0, relative_luminance=0.5, \
-    speed=None, out=None)"
+    previous_motion=None, previous_camera=None, relative_depth=0.1, plane_distance=0.01, normal_angle=25.0, \
+    relative_luminance=0.5, speed=None, motion_difference=0.5, out=None)"
 )]
 pub fn consistency_<'py>(
     py: Python<'py>,
@@ -236,12 +262,14 @@ pub fn consistency_<'py>(
     previous_object_normal: Option<&Bound<'py, PyAny>>,
     color: Option<&Bound<'py, PyAny>>,
     previous_color: Option<&Bound<'py, PyAny>>,
+    previous_motion: Option<&Bound<'py, PyAny>>,
     previous_camera: Option<&Camera>,
     relative_depth: Threshold,
     plane_distance: Threshold,
     normal_angle: Threshold,
     relative_luminance: Threshold,
     speed: Option<Threshold>,
+    motion_difference: Threshold,
     out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<(Bound<'py, PyArrayDyn<u8>>, Bound<'py, PyArrayDyn<f32>>)> {
     let (rejection, confidence) = {
@@ -253,6 +281,7 @@ pub fn consistency_<'py>(
             [ids, previous_ids],
             [object_normal, previous_object_normal],
             [color, previous_color],
+            previous_motion,
             previous_camera,
             validate::Params {
                 relative_depth,
@@ -260,18 +289,21 @@ pub fn consistency_<'py>(
                 normal_angle,
                 relative_luminance,
                 speed,
+                motion_difference,
             },
         )?;
         let size = motion.size();
         let shape = [size.height, size.width];
         let [first, second] = parts(out.as_ref())?;
         let out = (Out::given(first, &shape)?, Out::given(second, &shape)?);
-        let (motion, tests) = (motion.pixels(), surface.tests());
+        let (motion, tests, before) = (motion.pixels(), surface.tests(), surface.previous_motion());
         let mut rejection = Direct::new(py, out.0, &shape)?;
         let mut confidence = Direct::new(py, out.1, &shape)?;
         {
             let (rejection, confidence) = (rejection.data()?, confidence.data()?);
             detached(py, || {
+                let claims = before.map(|before| claims(motion, before));
+                let tests = tests.with_claims(claims.as_ref().map(Records::pixels));
                 let outs = bands_of(rejection, size).zip(bands_of(confidence, size));
                 consistency::consistency(motion, tests, outs);
             })?;

@@ -13,8 +13,8 @@ use super::fetch::footprint::Filter;
 use super::fetch::validate::{self, Surface, Tests, Threshold};
 use super::fetch::{invert, pull_push, reproject, splat};
 use super::judge::{
-    alternation, anti_lag, blend_factor, choice, collocation, consistency, disocclusion, exposure,
-    gradient, innovation, light_change, neighborhood, prediction, thin_features,
+    alternation, anti_lag, blend_factor, choice, claims, collocation, consistency, disocclusion,
+    exposure, gradient, innovation, light_change, neighborhood, prediction, thin_features,
 };
 use super::merge::{accumulate, blend, combine, recirculate, resample, resolve};
 use super::smooth::guide::{Guide, Sigmas};
@@ -313,8 +313,11 @@ proptest! {
             normal_angle: draw.bounds(&[0.0, 25.0, 180.0]),
             relative_luminance: draw.bounds(&[0.0, 0.5, 2.0]),
             speed: draw.coin().then(|| draw.bounds(&[0.0, 1.0, 1e6])),
+            motion_difference: draw.bounds(&[0.0, 0.5, 1e6]),
         };
-        let tests = || Tests::new(now.surface(), before.surface(), Some(rays), &params);
+        let claims = draw.coin().then(|| claims::claims(motion.pixels(), draw.wild(2).pixels()));
+        let claims = claims.as_ref().map(Records::pixels);
+        let tests = || Tests::new(now.surface(), before.surface(), Some(rays), &params).with_claims(claims);
         let way = reproject::Params { filter: draw.of(&Filter::NAMES).1, fallback: draw.coin(), dering: true };
         let records = Records::of(history.view());
         let mut values = vec![f32::NAN; 3 * n];

@@ -109,15 +109,8 @@ impl<'a> Kernel for Correct<'a> {
 pub fn correct_run(found: &[Row; 3], run: Run, image: &mut PixelsMut) {
     match image {
         PixelsMut::Planar(band) => correct_planes(found, band.parts(run)),
-        PixelsMut::Interleaved {
-            top,
-            width,
-            channels,
-            data,
-        } => {
-            let start = ((run.y - *top) * *width + run.x) * *channels;
-            let records = &mut data[start..][..run.len * *channels];
-            for (i, record) in records.chunks_exact_mut(*channels).enumerate() {
+        PixelsMut::Interleaved(band) => {
+            for (i, record) in band.pixels(run).enumerate() {
                 correct_record(found.each_ref().map(|row| row[i]), record);
             }
         }

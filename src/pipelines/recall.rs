@@ -15,7 +15,8 @@ use crate::kernels::camera::pinhole::{Camera, Rays};
 use crate::kernels::fetch::footprint::Filter;
 use crate::kernels::fetch::reproject::{self, Fetch, reproject, reproject_again};
 use crate::kernels::fetch::validate::{self, Surface, Tests, Threshold};
-use crate::kernels::judge::coherence::{coarse_ids, incoherent};
+use crate::kernels::judge::claims::claims;
+use crate::kernels::judge::coherence::{coarse_ids, incoherent, is_erratic};
 use crate::kernels::judge::gradient::{self, temporal_gradient};
 use crate::kernels::judge::light_change::light_change;
 use crate::kernels::smooth::demodulate::Texture;
@@ -37,6 +38,8 @@ pub struct Memory {
     shown: Option<replay::Before>,
     pub reflections: Option<reflections::Memory>,
     surface: SurfaceRecords,
+    /// The frame's motion where nothing tells its surfaces apart, unless it changes from pixel to pixel.
+    motion: Option<Records>,
     pub camera: Option<Camera>,
     demodulated: bool,
     /// If the frame had albedo and ids.
@@ -63,6 +66,7 @@ impl Memory {
                 .then(|| replay::Before::of(frame.color, texture(frame, surfaces.as_ref()))),
             reflections: None,
             surface: SurfaceRecords::of(&compared),
+            motion: told_by_motion(frame, params).map(Pixels::to_records),
             camera: frame.camera,
             demodulated: frame.albedo.is_some(),
             surfaces,
@@ -112,9 +116,24 @@ impl Memory {
         ))
     }
 
-    /// Fetches history run by run.
-    pub fn fetch<'a>(&'a self, frame: &Frame<'a>, motion: &Motion, params: &Params) -> Fetch<'a> {
-        let tests = self.tests(frame, motion, &params.surface);
+    /// The pixels that come from where each pixel of the frame before was: by their motion, where no depth tells surfaces
+    /// apart.
+    pub fn claims(&self, frame: &Frame, motion: &Motion, params: &Params) -> Option<Records> {
+        let before = self.motion.as_ref()?;
+        told_by_motion(frame, params).map(|_| claims(motion.pixels(), before.pixels()))
+    }
+
+    /// Fetches history run by run, with what [`claims`](Self::claims) found.
+    pub fn fetch<'a>(
+        &'a self,
+        frame: &Frame<'a>,
+        motion: &Motion,
+        params: &Params,
+        claims: Option<&'a Records>,
+    ) -> Fetch<'a> {
+        let tests = self
+            .tests(frame, motion, &params.surface)
+            .with_claims(claims.map(Records::pixels));
         Fetch::new(&[self.history.pixels()], frame.color.size, tests, BILINEAR)
     }
 
@@ -172,6 +191,14 @@ impl Memory {
         let camera = self.camera.as_ref().filter(|_| motion.tells_depth());
         camera.map(Camera::rays)
     }
+}
+
+/// The motion of a frame whose surfaces nothing else tells apart by their distance, unless they are thinner than a pixel.
+fn told_by_motion<'a>(frame: &Frame<'a>, params: &Params) -> Option<Pixels<'a>> {
+    let tested = params.surface.motion_difference.none < f32::INFINITY;
+    frame
+        .motion
+        .filter(|&motion| tested && frame.surface.depth.is_none() && !is_erratic(motion))
 }
 
 /// The tiles in which normals and ids are incoherent, and the coarse ids that tell surfaces apart there.
@@ -246,8 +273,10 @@ pub fn recall(
         };
     };
     let replayed = memory.relight(now);
+    let claims = memory.claims(now.frame, now.motion, now.params);
+    let claims = claims.as_ref().map(Records::pixels);
     let (mut history, told, incoherent) =
-        memory.fetch_all(now, replayed.as_ref(), coverage, rejection);
+        memory.fetch_all(now, claims, replayed.as_ref(), coverage, rejection);
     let change = match &told {
         Some(_) => 1.0, // replayed already
         None => memory.follow_light(now, &mut history, coverage),
@@ -261,7 +290,7 @@ pub fn recall(
             find_gradient(known, Some(coverage), estimated)
         })
     });
-    let reflections = memory.reflect(now, &mut history, coverage);
+    let reflections = memory.reflect(now, claims, &mut history, coverage);
     Recalled {
         history,
         held,
@@ -293,11 +322,14 @@ impl Memory {
     fn fetch_all(
         &self,
         now: &Now,
+        claims: Option<Pixels>,
         replayed: Option<&Image>,
         coverage: &mut [f32],
         rejection: &mut [u8],
     ) -> (Image, Option<Image>, Option<Incoherent>) {
-        let tests = self.tests(now.frame, now.motion, &now.params.surface);
+        let tests = self
+            .tests(now.frame, now.motion, &now.params.surface)
+            .with_claims(claims);
         let motion = now.motion.pixels();
         let mut planes = vec![self.history.pixels()];
         planes.extend(replayed.map(Image::pixels));
@@ -310,7 +342,9 @@ impl Memory {
         .flatten();
         if let Some(found) = &incoherent {
             let before = self.coarse_ids();
-            let tests = self.coarse_tests(now, [found.ids.as_ref(), before.as_ref()]);
+            let tests = self
+                .coarse_tests(now, [found.ids.as_ref(), before.as_ref()])
+                .with_claims(claims);
             let (tiles, values) = (&found.tiles, &mut values);
             reproject_again(
                 tiles, &planes, motion, tests, BILINEAR, values, coverage, rejection,
@@ -345,6 +379,7 @@ impl Memory {
     fn reflect(
         &self,
         now: &Now,
+        claims: Option<Pixels>,
         history: &mut Image,
         coverage: &mut [f32],
     ) -> Option<reflections::Won> {
@@ -352,7 +387,7 @@ impl Memory {
         let cameras = now.frame.camera.as_ref().zip(self.camera.as_ref())?;
         let own = Own {
             motion: now.motion.pixels(),
-            tests: self.tests(now.frame, now.motion, &now.params.surface),
+            tests: (self.tests(now.frame, now.motion, &now.params.surface)).with_claims(claims),
             params: BILINEAR,
         };
         reflections::choose(

@@ -61,7 +61,7 @@ pub struct Params {
     pub coherence: bool,
     /// How the variance is estimated.
     pub variance: variance::Params,
-    /// The filter. It knows the numbers of samples in frames without guides alone, if `relative_noise` is finite.
+    /// The filter. It knows the numbers of samples in frames with no guide but depth alone, if `relative_noise` is finite.
     pub atrous: atrous::Params,
     /// Whether the first pass of the filter, instead of its input, is the next frame's history. Not in a step that joins later
     /// frames: they have seen the next frame's samples.

@@ -24,7 +24,7 @@ def atrous(
     iterations=5,
     radius=2,
     sigma_luminance=4.0,
-    relative_noise=2.0,
+    relative_noise=2.5,
     margin=False,
     **similarity,
 ) -> tuple[Tensor, ...]:

@@ -12,7 +12,7 @@ from torch import Tensor
 from .accumulate import luminance
 from .projection import rays
 
-OUTSIDE, DEPTH, NORMAL, ID, VELOCITY, LUMINANCE = 1, 2, 4, 8, 16, 32
+OUTSIDE, DEPTH, NORMAL, ID, VELOCITY, LUMINANCE, MOTION = 1, 2, 4, 8, 16, 32, 64
 NEAR = 1e-5  # of a ramp, where roundings may cross its ends
 
 
@@ -72,8 +72,19 @@ class Footprint:
         return y.clamp(0, self.height - 1) * self.width + x.clamp(0, self.width - 1), inside
 
 
+def find_claims(motion: Tensor, previous_motion: Tensor, footprint: Footprint) -> Tensor:
+    """The least difference (P,) between a pixel's previous motion (P, 2) and the motions (P, 2) that lead to it."""
+    least = torch.full_like(previous_motion[:, 0], torch.inf)  # (P,)
+    for x, y, weight in footprint.bilinear():
+        tap, inside = footprint.flat(x, y)  # (P,)
+        apart = (motion - previous_motion[tap]).norm(dim=-1)  # (P,)
+        counts = inside & (weight > 0) & apart.isfinite()  # (P,)
+        least.scatter_reduce_(0, tap[counts], apart[counts], "amin")
+    return least.where(least.isfinite(), 0)
+
+
 class SurfaceTests:
-    """The tests of the taps of a footprint: speed, depth, normal, id and luminance."""
+    """The tests of the taps of a footprint: speed, depth, normal, id, luminance and motion."""
 
     def __init__(
         self,
@@ -90,12 +101,14 @@ class SurfaceTests:
         previous_object_normal=None,
         color=None,
         previous_color=None,
+        previous_motion=None,
         previous_camera=None,
         relative_depth=0.1,
         plane_distance=0.01,
         normal_angle=25.0,
         relative_luminance=0.5,
         speed=None,
+        motion_difference=0.5,
     ):
         self.footprint, self.camera = footprint, previous_camera
         self.relative_depth, self.plane_distance = bounds(relative_depth), bounds(plane_distance)
@@ -111,6 +124,11 @@ class SurfaceTests:
         self.turned = [self._flat(buffer, 3) for buffer in turned]  # 2 of (P, 3)
         self.ids, self.previous_ids = self._flat(ids), self._flat(previous_ids)  # (P,)
         self.colors = [self._flat(buffer, 3) for buffer in (color, previous_color)]  # 2 of (P, 3)
+        self.motion, self.previous_motion = flat[:, :2], None  # (P, 2)
+        self.motion_difference = bounds(motion_difference)
+        if previous_motion is not None:
+            self.previous_motion = self._flat(previous_motion, previous_motion.shape[-1])[:, :2]  # (P, 2)
+            self.claims = find_claims(self.motion, self.previous_motion, footprint)  # (P,)
 
     @staticmethod
     def _flat(buffer, *channels):
@@ -133,6 +151,8 @@ class SurfaceTests:
             found[DEPTH] = self._depth(pixel, tap, x, y)
         if self.colors[0] is not None:
             found[LUMINANCE] = self._luminance(self.colors[0][pixel], self.colors[1][tap])
+        if self.previous_motion is not None:
+            found[MOTION] = self._motion(self.motion[pixel], self.previous_motion[tap], self.claims[tap])
         return found
 
     def _normal(self, n: Tensor, m: Tensor) -> Trust:
@@ -150,6 +170,13 @@ class SurfaceTests:
         value = torch.where(equal, -torch.inf, (light - before).abs() / most)  # (N,)
         size = torch.where(equal, 1, (luminance(color.abs()) + luminance(there.abs())) / most)  # (N,)
         return ramp(value, *value.new_tensor(self.relative_luminance), size)
+
+    def _motion(self, own: Tensor, there: Tensor, claim: Tensor) -> Trust:
+        """Of motions (N, 2) and the claims (N,) of taps."""
+        unknown = ~there.isfinite().all(-1)  # (N,)
+        value = torch.where(unknown, -torch.inf, (own - there).norm(dim=-1) - 2 * claim)  # (N,)
+        size = (own.norm(dim=-1) + there.norm(dim=-1) + 2 * claim).maximum(value.new_tensor(1))  # (N,)
+        return ramp(value, *value.new_tensor(self.motion_difference), size.where(~unknown, 1))
 
     def _depth(self, pixel: Tensor, tap: Tensor, x: Tensor, y: Tensor) -> Trust:
         z, there = self.z[pixel], self.previous_z[tap]  # (N,)

@@ -17,7 +17,17 @@ from .innovation import correct, innovation
 from .light_change import light_change
 from .repetition import Noise
 from .reproject import reproject
-from .taa import PRESETS, Mixing, antialias, find_motion, find_still, for_frame, is_unguided, tells_depth
+from .taa import (
+    PRESETS,
+    Mixing,
+    antialias,
+    find_motion,
+    find_still,
+    for_frame,
+    is_unguided,
+    tells_depth,
+    told_by_motion,
+)
 from .variance import estimate_variance
 
 #: Samples that a prediction needs, and standard deviations by which the mean may exceed it.
@@ -49,13 +59,14 @@ class SVGF:
         iterations=3,
         radius=1,
         sigma_luminance=3.0,
-        relative_noise=2.0,
+        relative_noise=2.5,
         sigma_normal=64.0,
         sigma_depth=0.5,
         sigma_plane=0.05,
         relative_depth=0.1,
         plane_distance=0.01,
         normal_angle=25.0,
+        motion_difference=0.5,
         relative_albedo=None,
         min_length=3.5,
         feedback=False,
@@ -74,6 +85,7 @@ class SVGF:
             "relative_depth": relative_depth,
             "plane_distance": plane_distance,
             "normal_angle": normal_angle,
+            "motion_difference": motion_difference,
         }
         self.relative_noise = relative_noise
         self.min_length, self.feedback = min_length, feedback
@@ -296,6 +308,7 @@ class SVGF:
             if now is not None and before is not None:
                 before = disowned(self.previous, frame) if name == "ids" else before
                 tests |= {name: now, f"previous_{name}": before}
+        tests |= told_by_motion(frame, self.previous)
         if self.same_albedo and frame.albedo is not None:
             tests |= {"color": frame.albedo, "previous_color": self.previous.albedo}
         if "depth" in tests and "normal" in tests and tells_depth(frame, motion):

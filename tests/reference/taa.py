@@ -91,14 +91,14 @@ PRESETS = {"best": BEST, "denoised": DENOISED, "textbook": TEXTBOOK, "karis": KA
 
 
 def is_unguided(frame) -> bool:
-    """Whether nothing tells surfaces or their texture apart."""
-    return all(image is None for image in (frame.depth, frame.normal, frame.ids, frame.albedo))
+    """Whether nothing but depth, if anything, tells surfaces or their texture apart."""
+    return all(image is None for image in (frame.normal, frame.ids, frame.albedo))
 
 
 def for_frame(settings: dict, frame) -> dict:
     """The settings for a frame, which may lack all that tells surfaces apart."""
     least, brighter = settings["unguided_alpha"], 1.0
-    if least == 0 or any(image is not None for image in (frame.albedo, frame.normal, frame.ids)):
+    if least == 0 or not is_unguided(frame):
         return settings
     if frame.depth is not None:
         if is_thin(torch.as_tensor(frame.depth)):
@@ -112,6 +112,21 @@ def is_thin(depth: Tensor) -> bool:
     """Whether more than an eighth of the pairs of neighbours differ in depth (H, W) by more than a tenth."""
     pairs = (depth[1:], depth[:-1]), (depth[:, 1:], depth[:, :-1])
     differ = [(one - other).abs() > 0.1 * torch.minimum(one, other) for one, other in pairs]
+    return bool(sum(d.sum() for d in differ) > 0.125 * sum(d.numel() for d in differ))
+
+
+def told_by_motion(frame, before) -> dict:
+    """The argument of `reproject` for frames whose surfaces no depth tells apart."""
+    known = frame.depth is None and frame.motion is not None
+    known = known and before.depth is None and before.motion is not None
+    return {"previous_motion": before.motion} if known and not any(map(is_erratic, (frame, before))) else {}
+
+
+def is_erratic(frame) -> bool:
+    """Whether more than an eighth of the pairs of neighbours differ in motion by more than half a pixel."""
+    motion = torch.as_tensor(frame.motion[..., :2])  # (H, W, 2)
+    pairs = (motion[1:], motion[:-1]), (motion[:, 1:], motion[:, :-1])
+    differ = [(one - other).norm(dim=-1) > 0.5 for one, other in pairs]
     return bool(sum(d.sum() for d in differ) > 0.125 * sum(d.numel() for d in differ))
 
 

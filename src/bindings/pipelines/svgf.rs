@@ -33,10 +33,10 @@ use crate::pipelines::{svgf, taa};
 ///     time.
 /// sigma_luminance : float, default 3.0
 ///     The filter's scale of luminance differences, in standard deviations; above 0.
-/// relative_noise : float, default 2.0
+/// relative_noise : float, default 2.5
 ///     Most standard deviation of one sample that the filter expects, in multiples of the light around it (`atrous`),
-///     in frames without depth, normals, ids and albedo, where edges look like noise; above 0, +inf for no limit. There
-///     is none with `average_still`.
+///     in frames without normals, ids and albedo, where edges look like noise; above 0, +inf for no limit. With
+///     `average_still`, there is none.
 /// sigma_normal : float, default 64.0
 ///     Sharpness of the filter's normal weight; from 0.
 /// sigma_depth, sigma_plane : float, default 0.5 and 0.05
@@ -49,6 +49,10 @@ use crate::pipelines::{svgf, taa};
 ///     Largest distance from the history's plane, relative to depth; above 0. For frames with these.
 /// normal_angle : float or (float, float), default 25.0
 ///     Largest angle between a pixel's normal and its history's, in degrees, 0 to 180.
+/// motion_difference : float or (float, float), default 0.5
+///     Largest difference of a pixel's motion from that of the previous frame's pixel where it comes from, in pixels,
+///     above twice the least among all that come from there (`consistency`); from 0, +inf for any. For frames without
+///     depth, unless their motion changes from pixel to pixel, as in grass.
 /// relative_albedo : float or (float, float), optional
 ///     Largest relative difference between the luminance of a pixel's albedo and its history's, at least 0: rejects
 ///     history where textures change or move. Illumination usually survives a change of texture, so by default this is
@@ -158,15 +162,15 @@ pub struct SVGF {
 impl SVGF {
     #[new]
     #[pyo3(signature = (*, alpha=0.2, moments_alpha=0.2, iterations=3, radius=1, sigma_luminance=3.0,
-        relative_noise=2.0, sigma_normal=64.0, sigma_depth=0.5, sigma_plane=0.05, relative_depth=Threshold::hard(0.1),
-        plane_distance=Threshold::hard(0.01), normal_angle=Threshold::hard(25.0), relative_albedo=None, min_length=3.5, feedback=false,
-        by_confidence=false, gradient=true, fireflies=false, reflections=vec![0.4, 1.2], choice=true, innovation=true, antialias=true,
+        relative_noise=2.5, sigma_normal=64.0, sigma_depth=0.5, sigma_plane=0.05, relative_depth=Threshold::hard(0.1),
+        plane_distance=Threshold::hard(0.01), normal_angle=Threshold::hard(25.0), motion_difference=Threshold::hard(0.5),
+        relative_albedo=None, min_length=3.5, feedback=false, by_confidence=false, gradient=true, fireflies=false, reflections=vec![0.4, 1.2], choice=true, innovation=true, antialias=true,
         average_still=false, coherence=true))]
     #[pyo3(
         text_signature = "(*, alpha=0.2, moments_alpha=0.2, iterations=3, radius=1, sigma_luminance=3.0, \
-        relative_noise=2.0, sigma_normal=64.0, sigma_depth=0.5, sigma_plane=0.05, relative_depth=0.1, plane_distance=0.01, \
-        normal_angle=25.0, relative_albedo=None, min_length=3.5, feedback=False, by_confidence=False, gradient=True, fireflies=False, \
-        reflections=(0.4, 1.2), choice=True, innovation=True, antialias=True, average_still=False, \
+        relative_noise=2.5, sigma_normal=64.0, sigma_depth=0.5, sigma_plane=0.05, relative_depth=0.1, plane_distance=0.01, \
+        normal_angle=25.0, motion_difference=0.5, relative_albedo=None, min_length=3.5, feedback=False, by_confidence=False, \
+        gradient=True, fireflies=False, reflections=(0.4, 1.2), choice=True, innovation=True, antialias=True, average_still=False, \
         coherence=True)"
     )]
     fn new(
@@ -182,6 +186,7 @@ impl SVGF {
         relative_depth: Threshold,
         plane_distance: Threshold,
         normal_angle: Threshold,
+        motion_difference: Threshold,
         relative_albedo: Option<Threshold>,
         min_length: f32,
         feedback: bool,
@@ -209,6 +214,7 @@ impl SVGF {
                 relative_depth,
                 plane_distance,
                 normal_angle,
+                motion_difference,
                 relative_luminance: relative_albedo.unwrap_or(limits.relative_luminance),
                 ..limits
             },

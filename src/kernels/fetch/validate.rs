@@ -12,6 +12,8 @@
 //!   thumb). Background matches background alone.
 //! - **luminance**: |l − l′| / max(|l|, |l′|) ≤ t; missing samples pass.
 //! - **speed**: the length of the motion in pixels.
+//! - **motion**, where nothing else tells surfaces apart: |m − m′| − 2c ≤ t, by how much the motion of the surface that the tap
+//!   shows would have changed, above what others of its claimants need ([`super::super::judge::claims`]).
 
 use super::spans::{Span, Spans};
 use crate::error::{Error, Result, in_range};
@@ -21,7 +23,7 @@ use std::ops::Range;
 
 use crate::image::{Pixels, Run, SEGMENT, Size};
 use crate::kernels::camera::pinhole::Rays;
-use crate::math::{dot, luminance};
+use crate::math::{self, dot, luminance};
 
 /// The tests that a pixel's history failed, as bits of a mask.
 pub mod rejection {
@@ -37,6 +39,8 @@ pub mod rejection {
     pub const VELOCITY: u8 = 16;
     /// The luminance differs.
     pub const LUMINANCE: u8 = 32;
+    /// The surface that was there moved otherwise.
+    pub const MOTION: u8 = 64;
 }
 
 /// Differences up to `full` have trust 1, differences beyond `none` have 0; the ramp between is linear.
@@ -118,6 +122,8 @@ pub struct Params {
     pub relative_luminance: Threshold,
     /// Length of the motion in pixels; ≥ 0; none.
     pub speed: Option<Threshold>,
+    /// Difference between motions in pixels, above twice the least; ≥ 0, may be infinite; 0.5.
+    pub motion_difference: Threshold,
 }
 
 impl Default for Params {
@@ -128,6 +134,7 @@ impl Default for Params {
             normal_angle: Threshold::hard(25.0),
             relative_luminance: Threshold::hard(0.5),
             speed: None,
+            motion_difference: Threshold::hard(0.5),
         }
     }
 }
@@ -145,9 +152,11 @@ impl Params {
             })?;
         self.relative_luminance
             .check_luminance("relative_luminance")?;
-        self.speed.map_or(Ok(()), |speed| {
-            speed.check("speed", "pixels from 0", |v| v >= 0.0)
-        })
+        if let Some(speed) = self.speed {
+            speed.check("speed", "pixels from 0", |v| v >= 0.0)?;
+        }
+        self.motion_difference
+            .check("motion_difference", "pixels from 0", |v| v >= 0.0)
     }
 }
 
@@ -180,6 +189,8 @@ pub struct Tests<'a> {
     normal_is_direction: bool,
     ids: Pair<'a, u32>,
     color: Pair<'a>,
+    /// What [`claims`](crate::kernels::judge::claims::claims) found.
+    claims: Option<Pixels<'a>>,
     /// The previous camera's rays, where planes are tested.
     rays: Option<Rays>,
     params: Params,
@@ -196,6 +207,7 @@ pub(crate) struct Expected {
     length: Row,
     id: Row<u32>,
     luminance: Row,
+    motion: [Row; 2],
     /// Trust from the tests that do not depend on the tap.
     trust: Row,
 }
@@ -209,6 +221,7 @@ impl Expected {
             length: [0.0; SEGMENT],
             id: [0; SEGMENT],
             luminance: [0.0; SEGMENT],
+            motion: [[0.0; SEGMENT]; 2],
             trust: [1.0; SEGMENT],
         }
     }
@@ -246,6 +259,7 @@ struct TapSurfaces {
     direction: Vectors,
     normal: Vectors,
     luminance: Beside,
+    claims: [Beside; 3],
     records: [[f32; 4]; SEGMENT],
 }
 
@@ -281,6 +295,7 @@ impl Validation {
                 direction: Vectors::zeroed(),
                 normal: Vectors::zeroed(),
                 luminance: [0.0; _],
+                claims: [[0.0; _]; 3],
                 records: [[0.0; 4]; SEGMENT],
             },
             trust: [0.0; SEGMENT],
@@ -334,6 +349,10 @@ impl TapSurfaces {
             let len = vectors(before, pixels, records, axes);
             self.direction.measure(len);
         }
+        if let Some(claims) = &tests.claims {
+            let axes = self.claims.each_mut().map(Beside::as_mut_slice);
+            vectors(claims, pixels, records, axes);
+        }
         if let Some(before) = tests.plane_normal() {
             let axes = self.normal.axes.each_mut().map(Beside::as_mut_slice);
             let len = vectors(before, pixels, records, axes);
@@ -376,6 +395,7 @@ impl<'a> Tests<'a> {
             normal_is_direction: object_normal.is_none(),
             ids: both(now.ids, before.ids),
             color: both(now.color, before.color),
+            claims: None,
             rays: rays.filter(|_| depth.is_some() && normal.is_some()),
             params: *params,
             turn: Threshold {
@@ -389,6 +409,11 @@ impl<'a> Tests<'a> {
     pub fn none() -> Self {
         let nothing = Surface::default();
         Self::new(nothing, nothing, None, &Params::default())
+    }
+
+    /// The same, and the test of motion.
+    pub fn with_claims(self, claims: Option<Pixels<'a>>) -> Self {
+        Self { claims, ..self }
     }
 
     /// Names of the buffers that are compared.
@@ -409,7 +434,7 @@ impl<'a> Tests<'a> {
     /// True without any test.
     pub(crate) fn accept_all(&self) -> bool {
         let untested = self.depth.is_none() && self.direction.is_none() && self.ids.is_none();
-        untested && self.color.is_none() && self.params.speed.is_none()
+        untested && self.color.is_none() && self.params.speed.is_none() && self.claims.is_none()
     }
 
     /// Loads the surfaces of a run, as they should appear in the previous frame: at index-space positions `from`, with the
@@ -463,6 +488,11 @@ impl<'a> Tests<'a> {
                 *lane = luminance(r, g, b);
             }
         }
+        if self.claims.is_some() {
+            let [x, y] = expected.motion.each_mut().map(|lane| &mut lane[..len]);
+            x.copy_from_slice(&motion.x[..len]);
+            y.copy_from_slice(&motion.y[..len]);
+        }
         if let Some(speed) = self.params.speed {
             let (x, y) = (&motion.x[..len], &motion.y[..len]);
             for (i, lane) in expected.trust[..len].iter_mut().enumerate() {
@@ -492,12 +522,14 @@ impl<'a> Tests<'a> {
             relative_depth,
             plane_distance,
             relative_luminance,
+            motion_difference,
             ..
         } = self.params;
         let bounds = [
             relative_depth,
             plane_distance,
             relative_luminance,
+            motion_difference,
             self.turn,
         ];
         match bounds.into_iter().any(Threshold::is_ramp) {
@@ -634,6 +666,15 @@ impl<'a> Tests<'a> {
                 count(&mut trust[i], &mut failed[i], this, rejection::LUMINANCE);
             }
         }
+        if self.claims.is_some() {
+            let [x, y] = expected.motion.each_ref().map(|lane| &lane[start..][..len]);
+            let claims = taps.claims.each_ref();
+            let [cx, cy, least] = claims.map(|lane| &lane[shift..][..len]);
+            for i in 0..len {
+                let this = self.motion_trust::<RAMPS>([x[i], y[i]], [cx[i], cy[i], least[i]]);
+                count(&mut trust[i], &mut failed[i], this, rejection::MOTION);
+            }
+        }
     }
 
     /// The trust of pixel `i` of the run in the previous frame's pixel (x, y).
@@ -666,6 +707,10 @@ impl<'a> Tests<'a> {
             let [r, g, b] = before.vector(at);
             trust *= self.luminance_trust::<true>(expected.luminance[i], luminance(r, g, b));
         }
+        if let Some(claims) = self.claims {
+            let own = expected.motion.each_ref().map(|lane| lane[i]);
+            trust *= self.motion_trust::<true>(own, claims.vector(at));
+        }
         trust
     }
 
@@ -690,6 +735,12 @@ impl<'a> Tests<'a> {
         let trust = surface_trust(expected, depth, trust);
         let relative = self.depth_trust::<RAMP>(expected, depth);
         if length > 0.0 { trust } else { relative }
+    }
+
+    #[inline(always)]
+    fn motion_trust<const RAMP: bool>(&self, own: [f32; 2], [x, y, least]: [f32; 3]) -> f32 {
+        let bound = self.params.motion_difference;
+        bound.trust_if::<RAMP>(math::distance(own, [x, y]) - least, 1.0)
     }
 
     #[inline(always)]

@@ -17,11 +17,11 @@
 //! weights. The results are predictions of the samples, too, by which [`crate::kernels::judge::choice`] compares the
 //! passes. Pixels without a prediction have their own luminance instead.
 //!
-//! **Noise relative to light.** Without guides, an edge within the window that estimates the variance looks like noise, and
-//! light leaks into the dark beside it. If the number N of samples behind each pixel is given, √g is therefore at most k·L/√N,
-//! where k = `relative_noise`, and L is the luminance of the unfiltered colour, blurred by the same 3×3 Gaussian: the noise
-//! of one sample is taken to be at most k times the light around it. The price: rare bright samples are noisier than that, and
-//! less of their noise is filtered.
+//! **Noise relative to light.** Without guides, or with depth alone, an edge within the window that estimates the variance
+//! looks like noise, and light leaks into the dark beside it. If the number N of samples behind each pixel is given, √g is
+//! therefore at most k·L/√N, where k = `relative_noise`, and L is the luminance of the unfiltered colour, blurred by the same
+//! 3×3 Gaussian: the noise of one sample is taken to be at most k times the light around it. The price: rare bright samples
+//! are noisier than that, and less of their noise is filtered.
 //!
 //! Inputs: colour (3), variance (1) of its luminance, prediction (1) and number of samples (1), both optional, guide. Outputs:
 //! the first three.
@@ -60,7 +60,7 @@ impl Default for Params {
             iterations: 5,
             radius: 2,
             sigma_luminance: 4.0,
-            relative_noise: 2.0,
+            relative_noise: 2.5,
             sigmas: Sigmas::default(),
         }
     }

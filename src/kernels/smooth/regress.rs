@@ -273,6 +273,11 @@ impl Block {
             from.color.read(run, [r, g, b]);
             if let Some(normal) = normal {
                 self.load_vectors(normal, run, first, 0);
+                let [x, y, z] = [0, 1, 2].map(|j| &self.columns[j][first..][..across]);
+                for (i, surface) in self.surface[first..][..across].iter_mut().enumerate() {
+                    // A normal of zero tells no surface; a position of zero is one.
+                    *surface &= [x[i], y[i], z[i]] != [0.0; 3];
+                }
             }
             match place {
                 Some(Place::Position(position)) => self.load_vectors(position, run, first, 3),
@@ -284,8 +289,7 @@ impl Block {
         self.settle(pixels);
     }
 
-    /// Loads a run of normals or positions into the three columns from `column` on. Normals of zero tell no surface; a position
-    /// of zero is one.
+    /// Loads a run of normals or positions into the three columns from `column` on.
     #[inline(always)]
     fn load_vectors(&mut self, vectors: Pixels, run: Run, first: usize, column: usize) {
         let [x, y, z] = self.row.each_mut().map(|row| &mut row[..run.len]);
@@ -293,7 +297,7 @@ impl Block {
         let surface = &mut self.surface[first..][..run.len];
         for i in 0..run.len {
             let v = [x[i], y[i], z[i]];
-            surface[i] &= is_present(v) & ((column > 0) | (v != [0.0; 3]));
+            surface[i] &= is_present(v);
             for (column, v) in self.columns[column..].iter_mut().zip(v) {
                 column[first + i] = v.into();
             }

@@ -81,8 +81,10 @@ pub fn merge_at_once(now: &Current, memory: Option<Memory>, reports: &mut Report
         weight: None,
         gradient: None,
     };
+    let memory = memory.as_ref();
+    let claims = memory.and_then(|memory| memory.claims(now.frame, now.motion, params));
     let along = Along {
-        fetch: (memory.as_ref()).map(|memory| memory.fetch(now.frame, now.motion, params)),
+        fetch: memory.map(|memory| memory.fetch(now.frame, now.motion, params, claims.as_ref())),
         motion: now.motion.pixels(),
         by_confidence: params.by_confidence,
     };

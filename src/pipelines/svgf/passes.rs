@@ -98,7 +98,7 @@ pub fn filter(
     let most = (choosing.as_ref()).map_or(usual, |_| params.passes());
     let mut filtered = Filtered::new(guide.layout, choosing.is_some());
     let relative_noise = params.atrous.relative_noise;
-    if relative_noise.is_finite() && matches!(now.frame.guides(), Guides::None) {
+    if relative_noise.is_finite() && !matches!(now.frame.guides(), Guides::More) {
         let source = joined.as_ref().unwrap_or(history).pixels();
         filtered.limit(source.part(0..3), source.part(5..6), relative_noise);
     }

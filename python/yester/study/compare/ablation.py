@@ -143,6 +143,7 @@ ABLATIONS = (
         for component, run in {
             "depth test": pipeline(SVGF, **_NO_DEPTH_TEST),
             "normal test": pipeline(SVGF, normal_angle=180),
+            "motion test": pipeline(SVGF, motion_difference=math.inf),
             "id test and weight": _without("ids"),
             "normals": _without("normal", "object_normal"),
             "demodulation": _without("albedo", "emission"),
