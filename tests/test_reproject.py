@@ -384,7 +384,7 @@ def test_a_pair_of_equals_is_the_number(name, filter):
     history, motion = compare.colors(rng, 30, 40), compare.motions(rng, 30, 40, 3)
     named = surface(rng, 30, 40, TESTS) | {"filter": filter}
     threshold = {"relative_depth": 0.1, "plane_distance": 0.01, "normal_angle": 25.0, "relative_luminance": 0.5}
-    threshold |= {"motion_difference": 0.5}
+    threshold |= {"motion_difference": 0.2}
     number = threshold.get(name, 1.3)
     if name == "relative_depth":
         del named["previous_camera"]  # the plane test would replace this one

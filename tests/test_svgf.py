@@ -84,6 +84,24 @@ def test_without_guides(named, names):
     check_bits(frames_of(names, 6), **named)
 
 
+@pytest.mark.parametrize("pipeline", [yester.SVGF, yester.HalfRes, yester.BMFR])
+def test_motion_tells_what_was_covered(pipeline):
+    """Without depth, unless motion changes from pixel to pixel."""
+
+    def share(names, scatter=0.0, **named):
+        rng, stage = np.random.default_rng(0), pipeline(**named)
+        for frame in frames_of(names, 4):
+            frame.motion[...] += scatter * rng.random(frame.motion.shape, np.float32)
+            output = stage.step(frame)
+        return (output.rejection & yester.Rejection.MOTION > 0).mean()
+
+    assert 0.02 < share(["motion"]) < 0.1
+    assert 0.02 < share(["motion", "normal", "ids"]) < 0.1
+    assert share(["motion", "depth"]) == share(["motion"], scatter=3) == 0
+    if pipeline is not yester.HalfRes:
+        assert share(["motion"], motion_difference=np.inf) == 0
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("count", range(len(NAMES) + 1))
 def test_every_subset_of_buffers(count):

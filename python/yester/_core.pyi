@@ -585,7 +585,7 @@ class SVGF(Pipeline):
         Largest distance from the history's plane, relative to depth; above 0. For frames with these.
     normal_angle : float or (float, float), default 25.0
         Largest angle between a pixel's normal and its history's, in degrees, 0 to 180.
-    motion_difference : float or (float, float), default 0.5
+    motion_difference : float or (float, float), default 0.2
         Largest difference of a pixel's motion from that of the previous frame's pixel where it comes from, in pixels,
         above twice the least among all that come from there (`consistency`); from 0, +inf for any. For frames without
         depth, unless their motion changes from pixel to pixel, as in grass.
@@ -705,7 +705,7 @@ class SVGF(Pipeline):
         relative_depth: _Threshold = 0.1,
         plane_distance: _Threshold = 0.01,
         normal_angle: _Threshold = 25.0,
-        motion_difference: _Threshold = 0.5,
+        motion_difference: _Threshold = 0.2,
         relative_albedo: _Threshold | None = None,
         min_length: float = 3.5,
         feedback: bool = False,
@@ -920,7 +920,7 @@ class BMFR(Pipeline):
     features : {"fewest", "all"}, default "fewest"
         As in `regress`.
     relative_depth, plane_distance, normal_angle, motion_difference : float or (float, float)
-        As in `SVGF`, with its defaults, 0.1, 0.01, 25.0 and 0.5.
+        As in `SVGF`, with its defaults, 0.1, 0.01, 25.0 and 0.2.
     by_confidence : bool, default False
         Raise the new sample's weight where confidence in history is low: ``alpha + (1 - confidence) (1 - alpha)``.
     gradient : bool, default True
@@ -981,7 +981,7 @@ class BMFR(Pipeline):
         relative_depth: _Threshold = 0.1,
         plane_distance: _Threshold = 0.01,
         normal_angle: _Threshold = 25.0,
-        motion_difference: _Threshold = 0.5,
+        motion_difference: _Threshold = 0.2,
         by_confidence: bool = False,
         gradient: bool = True,
         fireflies: bool = False,
@@ -1755,7 +1755,7 @@ def reproject(
     normal_angle: _Threshold = 25.0,
     relative_luminance: _Threshold = 0.5,
     speed: _Threshold | None = None,
-    motion_difference: _Threshold = 0.5,
+    motion_difference: _Threshold = 0.2,
     out: tuple[Sequence[_Floats] | None, _Floats | None] | None = None,
 ) -> tuple[list[_Floats], _Floats]:
     """Reprojection: fetches history along motion vectors, each tap validated.
@@ -1802,7 +1802,7 @@ def reproject(
         Largest ``|l - l'| / max(|l|, |l'|)`` of the luminances; from 0.
     speed : float or (float, float), optional
         Longest motion in pixels; from 0. By default any.
-    motion_difference : float or (float, float), default 0.5
+    motion_difference : float or (float, float), default 0.2
         Largest difference of the pixel's motion from the tap's in the previous frame, in pixels, above twice the least
         such difference among all pixels whose 2×2 footprints have the tap; from 0, +inf for any.
     out : tuple of values, as `history` has them, and of (H, W) float32 coverage, optional
@@ -1881,7 +1881,7 @@ def reproject(
     normal_angle: _Threshold = 25.0,
     relative_luminance: _Threshold = 0.5,
     speed: _Threshold | None = None,
-    motion_difference: _Threshold = 0.5,
+    motion_difference: _Threshold = 0.2,
     out: tuple[_Floats | None, _Floats | None] | None = None,
 ) -> tuple[_Floats, _Floats]:
     """Reprojection: fetches history along motion vectors, each tap validated.
@@ -1928,7 +1928,7 @@ def reproject(
         Largest ``|l - l'| / max(|l|, |l'|)`` of the luminances; from 0.
     speed : float or (float, float), optional
         Longest motion in pixels; from 0. By default any.
-    motion_difference : float or (float, float), default 0.5
+    motion_difference : float or (float, float), default 0.2
         Largest difference of the pixel's motion from the tap's in the previous frame, in pixels, above twice the least
         such difference among all pixels whose 2×2 footprints have the tap; from 0, +inf for any.
     out : tuple of values, as `history` has them, and of (H, W) float32 coverage, optional
@@ -2002,7 +2002,7 @@ def consistency(
     normal_angle: _Threshold = 25.0,
     relative_luminance: _Threshold = 0.5,
     speed: _Threshold | None = None,
-    motion_difference: _Threshold = 0.5,
+    motion_difference: _Threshold = 0.2,
     out: tuple[NDArray[np.uint8] | None, _Floats | None] | None = None,
 ) -> tuple[NDArray[np.uint8], _Floats]:
     """History validation: the tests that each pixel's history fails, and the confidence in it.
@@ -2040,7 +2040,7 @@ def consistency(
         Largest ``|l - l'| / max(|l|, |l'|)`` of the luminances; from 0.
     speed : float or (float, float), optional
         Longest motion in pixels; from 0. By default any.
-    motion_difference : float or (float, float), default 0.5
+    motion_difference : float or (float, float), default 0.2
         Largest difference of the pixel's motion from the tap's in the previous frame, in pixels, above twice the least
         such difference among all pixels whose 2×2 footprints have the tap; from 0, +inf for any.
     out : tuple of (H, W) uint8 and (H, W) float32 arrays, optional

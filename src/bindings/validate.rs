@@ -183,7 +183,7 @@ fn pair<'py, T>(
 ///     Largest ``|l - l'| / max(|l|, |l'|)`` of the luminances; from 0.
 /// speed : float or (float, float), optional
 ///     Longest motion in pixels; from 0. By default any.
-/// motion_difference : float or (float, float), default 0.5
+/// motion_difference : float or (float, float), default 0.2
 ///     Largest difference of the pixel's motion from the tap's in the previous frame, in pixels, above twice the least
 ///     such difference among all pixels whose 2×2 footprints have the tap; from 0, +inf for any.
 /// out : tuple of (H, W) uint8 and (H, W) float32 arrays, optional
@@ -242,12 +242,12 @@ fn pair<'py, T>(
     previous_ids=None, object_normal=None, previous_object_normal=None, color=None, previous_color=None,
     previous_motion=None, previous_camera=None, relative_depth=Threshold::hard(0.1), plane_distance=Threshold::hard(0.01),
     normal_angle=Threshold::hard(25.0), relative_luminance=Threshold::hard(0.5), speed=None,
-    motion_difference=Threshold::hard(0.5), out=None))]
+    motion_difference=Threshold::hard(0.2), out=None))]
 #[pyo3(
     text_signature = "(motion, *, depth=None, previous_depth=None, normal=None, previous_normal=None, ids=None, \
     previous_ids=None, object_normal=None, previous_object_normal=None, color=None, previous_color=None, \
     previous_motion=None, previous_camera=None, relative_depth=0.1, plane_distance=0.01, normal_angle=25.0, \
-    relative_luminance=0.5, speed=None, motion_difference=0.5, out=None)"
+    relative_luminance=0.5, speed=None, motion_difference=0.2, out=None)"
 )]
 pub fn consistency_<'py>(
     py: Python<'py>,

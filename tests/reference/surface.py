@@ -108,7 +108,7 @@ class SurfaceTests:
         normal_angle=25.0,
         relative_luminance=0.5,
         speed=None,
-        motion_difference=0.5,
+        motion_difference=0.2,
     ):
         self.footprint, self.camera = footprint, previous_camera
         self.relative_depth, self.plane_distance = bounds(relative_depth), bounds(plane_distance)

@@ -66,7 +66,7 @@ class SVGF:
         relative_depth=0.1,
         plane_distance=0.01,
         normal_angle=25.0,
-        motion_difference=0.5,
+        motion_difference=0.2,
         relative_albedo=None,
         min_length=3.5,
         feedback=False,

@@ -30,7 +30,7 @@ use crate::pipelines::{bmfr, svgf, taa};
 /// features : {"fewest", "all"}, default "fewest"
 ///     As in `regress`.
 /// relative_depth, plane_distance, normal_angle, motion_difference : float or (float, float)
-///     As in `SVGF`, with its defaults, 0.1, 0.01, 25.0 and 0.5.
+///     As in `SVGF`, with its defaults, 0.1, 0.01, 25.0 and 0.2.
 /// by_confidence : bool, default False
 ///     Raise the new sample's weight where confidence in history is low: ``alpha + (1 - confidence) (1 - alpha)``.
 /// gradient : bool, default True
@@ -89,11 +89,11 @@ pub struct BMFR {
 impl BMFR {
     #[new]
     #[pyo3(signature = (*, alpha=0.05, fitted_alpha=0.1, block=16, features="fewest", relative_depth=Threshold::hard(0.1),
-        plane_distance=Threshold::hard(0.01), normal_angle=Threshold::hard(25.0), motion_difference=Threshold::hard(0.5),
+        plane_distance=Threshold::hard(0.01), normal_angle=Threshold::hard(25.0), motion_difference=Threshold::hard(0.2),
         by_confidence=false, gradient=true, fireflies=false, innovation=true, antialias=true))]
     #[pyo3(
         text_signature = "(*, alpha=0.05, fitted_alpha=0.1, block=16, features='fewest', relative_depth=0.1, \
-        plane_distance=0.01, normal_angle=25.0, motion_difference=0.5, by_confidence=False, gradient=True, fireflies=False, \
+        plane_distance=0.01, normal_angle=25.0, motion_difference=0.2, by_confidence=False, gradient=True, fireflies=False, \
         innovation=True, antialias=True)"
     )]
     fn new(

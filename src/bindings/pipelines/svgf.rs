@@ -49,7 +49,7 @@ use crate::pipelines::{svgf, taa};
 ///     Largest distance from the history's plane, relative to depth; above 0. For frames with these.
 /// normal_angle : float or (float, float), default 25.0
 ///     Largest angle between a pixel's normal and its history's, in degrees, 0 to 180.
-/// motion_difference : float or (float, float), default 0.5
+/// motion_difference : float or (float, float), default 0.2
 ///     Largest difference of a pixel's motion from that of the previous frame's pixel where it comes from, in pixels,
 ///     above twice the least among all that come from there (`consistency`); from 0, +inf for any. For frames without
 ///     depth, unless their motion changes from pixel to pixel, as in grass.
@@ -163,13 +163,13 @@ impl SVGF {
     #[new]
     #[pyo3(signature = (*, alpha=0.2, moments_alpha=0.2, iterations=3, radius=1, sigma_luminance=3.0,
         relative_noise=2.5, sigma_normal=64.0, sigma_depth=0.5, sigma_plane=0.05, relative_depth=Threshold::hard(0.1),
-        plane_distance=Threshold::hard(0.01), normal_angle=Threshold::hard(25.0), motion_difference=Threshold::hard(0.5),
+        plane_distance=Threshold::hard(0.01), normal_angle=Threshold::hard(25.0), motion_difference=Threshold::hard(0.2),
         relative_albedo=None, min_length=3.5, feedback=false, by_confidence=false, gradient=true, fireflies=false, reflections=vec![0.4, 1.2], choice=true, innovation=true, antialias=true,
         average_still=false, coherence=true))]
     #[pyo3(
         text_signature = "(*, alpha=0.2, moments_alpha=0.2, iterations=3, radius=1, sigma_luminance=3.0, \
         relative_noise=2.5, sigma_normal=64.0, sigma_depth=0.5, sigma_plane=0.05, relative_depth=0.1, plane_distance=0.01, \
-        normal_angle=25.0, motion_difference=0.5, relative_albedo=None, min_length=3.5, feedback=False, by_confidence=False, \
+        normal_angle=25.0, motion_difference=0.2, relative_albedo=None, min_length=3.5, feedback=False, by_confidence=False, \
         gradient=True, fireflies=False, reflections=(0.4, 1.2), choice=True, innovation=True, antialias=True, average_still=False, \
         coherence=True)"
     )]

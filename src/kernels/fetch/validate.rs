@@ -122,7 +122,7 @@ pub struct Params {
     pub relative_luminance: Threshold,
     /// Length of the motion in pixels; ≥ 0; none.
     pub speed: Option<Threshold>,
-    /// Difference between motions in pixels, above twice the least; ≥ 0, may be infinite; 0.5.
+    /// Difference between motions in pixels, above twice the least; ≥ 0, may be infinite; 0.2.
     pub motion_difference: Threshold,
 }
 
@@ -134,7 +134,7 @@ impl Default for Params {
             normal_angle: Threshold::hard(25.0),
             relative_luminance: Threshold::hard(0.5),
             speed: None,
-            motion_difference: Threshold::hard(0.5),
+            motion_difference: Threshold::hard(0.2),
         }
     }
 }
