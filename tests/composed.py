@@ -860,7 +860,6 @@ class BMFR:
         relative_depth=0.1,
         plane_distance=0.01,
         normal_angle=25.0,
-        motion_difference=0.2,
         by_confidence=False,
         gradient=True,
         fireflies=False,
@@ -873,7 +872,7 @@ class BMFR:
             "relative_depth": relative_depth,
             "plane_distance": plane_distance,
             "normal_angle": normal_angle,
-            "motion_difference": motion_difference,
+            "motion_difference": np.inf,
         }
         self.gradient, self.fireflies = gradient, fireflies
         self.innovation, self.antialias = innovation, antialias

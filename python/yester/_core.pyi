@@ -919,8 +919,8 @@ class BMFR(Pipeline):
         Side of the blocks in pixels, 4 to 256. The paper has 32, for images of 1280×720.
     features : {"fewest", "all"}, default "fewest"
         As in `regress`.
-    relative_depth, plane_distance, normal_angle, motion_difference : float or (float, float)
-        As in `SVGF`, with its defaults, 0.1, 0.01, 25.0 and 0.2.
+    relative_depth, plane_distance, normal_angle : float or (float, float), default 0.1, 0.01 and 25.0
+        As in `SVGF`.
     by_confidence : bool, default False
         Raise the new sample's weight where confidence in history is low: ``alpha + (1 - confidence) (1 - alpha)``.
     gradient : bool, default True
@@ -981,7 +981,6 @@ class BMFR(Pipeline):
         relative_depth: _Threshold = 0.1,
         plane_distance: _Threshold = 0.01,
         normal_angle: _Threshold = 25.0,
-        motion_difference: _Threshold = 0.2,
         by_confidence: bool = False,
         gradient: bool = True,
         fireflies: bool = False,

@@ -52,7 +52,8 @@ pub const ESTIMATED_GRADIENT: gradient::Params = gradient::Params {
     ..svgf::ESTIMATED_GRADIENT
 };
 
-/// By our own measurements.
+/// By our own measurements. What was covered is not told by motion: on frames of colour and motion alone, the mean gains nothing,
+/// and `switched_light` loses 0.3 dB.
 impl Default for Params {
     fn default() -> Self {
         Self {

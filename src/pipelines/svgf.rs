@@ -139,6 +139,7 @@ impl Default for Params {
             reflections: vec![0.4, 1.2],
             antialias: Some(ANTIALIASED),
             feedback: false,
+            surface: validate::Params::default(),
             ..Self::textbook()
         }
     }
@@ -148,7 +149,10 @@ impl Params {
     /// The paper's passes: accumulation by its α, variance, and filter, whose first pass feeds back.
     pub fn textbook() -> Self {
         Self {
-            surface: validate::Params::default(),
+            surface: validate::Params {
+                motion_difference: validate::Threshold::hard(f32::INFINITY),
+                ..Default::default()
+            },
             accumulate: accumulate::Params {
                 alpha: 0.2,
                 ..Default::default()
@@ -208,6 +212,7 @@ impl Params {
             lend: Some(lend),
             innovation: Some(innovation::Params::default()),
             feedback: false,
+            surface: validate::Params::default(),
             ..Self::textbook()
         }
     }

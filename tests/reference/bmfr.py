@@ -19,7 +19,7 @@ class BMFR(SVGF):
     """Block-wise multi-order feature regression (Koskela et al. 2019), composed of the references."""
 
     def __init__(self, *, fitted_alpha=0.1, block=16, features="fewest", **named):
-        super().__init__(**{"alpha": 0.05, **named})
+        super().__init__(**{"alpha": 0.05, "motion_difference": torch.inf, **named})
         self.fitted_alpha, self.blocks = fitted_alpha, {"block": block, "features": features}
         self.age = 0
 

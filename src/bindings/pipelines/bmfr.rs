@@ -29,8 +29,8 @@ use crate::pipelines::{bmfr, svgf, taa};
 ///     Side of the blocks in pixels, 4 to 256. The paper has 32, for images of 1280×720.
 /// features : {"fewest", "all"}, default "fewest"
 ///     As in `regress`.
-/// relative_depth, plane_distance, normal_angle, motion_difference : float or (float, float)
-///     As in `SVGF`, with its defaults, 0.1, 0.01, 25.0 and 0.2.
+/// relative_depth, plane_distance, normal_angle : float or (float, float), default 0.1, 0.01 and 25.0
+///     As in `SVGF`.
 /// by_confidence : bool, default False
 ///     Raise the new sample's weight where confidence in history is low: ``alpha + (1 - confidence) (1 - alpha)``.
 /// gradient : bool, default True
@@ -89,12 +89,12 @@ pub struct BMFR {
 impl BMFR {
     #[new]
     #[pyo3(signature = (*, alpha=0.05, fitted_alpha=0.1, block=16, features="fewest", relative_depth=Threshold::hard(0.1),
-        plane_distance=Threshold::hard(0.01), normal_angle=Threshold::hard(25.0), motion_difference=Threshold::hard(0.2),
-        by_confidence=false, gradient=true, fireflies=false, innovation=true, antialias=true))]
+        plane_distance=Threshold::hard(0.01), normal_angle=Threshold::hard(25.0), by_confidence=false, gradient=true, fireflies=false,
+        innovation=true, antialias=true))]
     #[pyo3(
         text_signature = "(*, alpha=0.05, fitted_alpha=0.1, block=16, features='fewest', relative_depth=0.1, \
-        plane_distance=0.01, normal_angle=25.0, motion_difference=0.2, by_confidence=False, gradient=True, fireflies=False, \
-        innovation=True, antialias=True)"
+        plane_distance=0.01, normal_angle=25.0, by_confidence=False, gradient=True, fireflies=False, innovation=True, \
+        antialias=True)"
     )]
     fn new(
         alpha: f32,
@@ -104,7 +104,6 @@ impl BMFR {
         relative_depth: Threshold,
         plane_distance: Threshold,
         normal_angle: Threshold,
-        motion_difference: Threshold,
         by_confidence: bool,
         gradient: bool,
         fireflies: bool,
@@ -117,8 +116,7 @@ impl BMFR {
                     relative_depth,
                     plane_distance,
                     normal_angle,
-                    motion_difference,
-                    ..Default::default()
+                    ..bmfr::Params::default().history.surface
                 },
                 accumulate: accumulate::Params {
                     alpha,
