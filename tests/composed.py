@@ -8,7 +8,7 @@ import flight
 import numpy as np
 import yester
 from numpy.typing import NDArray
-from reference.taa import PRESETS, for_frame, is_unguided, same_surface, tells_depth, told_by_motion
+from reference.taa import PRESETS, for_frame, is_erratic, is_unguided, same_surface, tells_depth, told_by_motion
 from yester.study.synthetic import raycast
 
 TILE = 16
@@ -328,15 +328,21 @@ class TAA:
 OFFSETS = np.array([(0, 0), (4, 4), (2, 6), (6, 2), (1, 3), (5, 7), (3, 1), (7, 5)])
 
 
-def guides(frame: yester.Frame, incoherent: NDArray | None = None) -> dict[str, NDArray | None]:
-    """What guides a filter: depth alone where normals and ids are incoherent."""
+def guides(frame: yester.Frame, later=None, incoherent: NDArray | None = None) -> dict[str, NDArray | None]:
+    """What guides a filter: depth alone where normals and ids are incoherent, motion where nothing else is known."""
     normal, ids = frame.normal, frame.ids
     if incoherent is not None:
         if normal is not None:
             normal = np.where(incoherent[..., None], np.float32(0), normal)
         if ids is not None:
             ids = np.where(incoherent, coarse_ids(frame), ids)
-    return {"depth": frame.depth, "normal": normal, "ids": ids}
+    depth = frame.depth
+    unknown = later is None and depth is None and normal is None and ids is None
+    if unknown and frame.motion is not None and not is_erratic(frame):
+        x, y = np.moveaxis(frame.motion[..., :2], -1, 0)
+        speed = np.sqrt(x * x + y * y)  # torch rounds it otherwise
+        depth = 1 / (10 + np.where(np.isfinite(speed), speed, np.float32(0)))
+    return {"depth": depth, "normal": normal, "ids": ids}
 
 
 def coarse_ids(frame: yester.Frame) -> NDArray:
@@ -345,9 +351,8 @@ def coarse_ids(frame: yester.Frame) -> NDArray:
     return np.where(frame.ids == 0, 0, np.where(reflects, 2**32 - 2, 2**32 - 3)).astype(np.uint32)
 
 
-def without_fireflies(frame: yester.Frame, light: NDArray, known: NDArray) -> NDArray:
+def without_fireflies(frame: yester.Frame, light: NDArray, known: NDArray, alike: dict) -> NDArray:
     """Suppress fireflies in the remodulated light, as the camera sees it."""
-    alike = guides(frame)
     if frame.albedo is None:
         return yester.suppress_fireflies(light, expected=known, **alike)[0]
     texture = texture_of(frame)
@@ -597,7 +602,7 @@ class SVGF:
             if self.innovation and not replays:
                 history, self.history = follow_light(sample, history, confidence, self.history, self.mirrored)
         if self.fireflies:
-            held = without_fireflies(frame, sample, history[0])
+            held = without_fireflies(frame, sample, history[0], guides(frame, later))
         if self.before is not None:
             if replays:
                 gradient = more[0]
@@ -616,7 +621,7 @@ class SVGF:
                         motion[..., :2] if frame.albedo is None else where_plain(frame.albedo, moved, motion[..., :2])
                     )
 
-        alike = {**guides(frame, incoherent), **self.sigmas}
+        alike = {**guides(frame, later, incoherent), **self.sigmas}
         filled, weight = self.fill(held, history[2], alike)
         trust = confidence if self.by_confidence else None
         shares = dict.fromkeys(self.alpha, 0.0) if self.average_still and rests(self.before, frame) else self.alpha
@@ -905,7 +910,8 @@ class BMFR:
                 history, self.history = follow_light(sample, history, confidence, self.history)
         fresh = sample
         if self.fireflies:
-            sample = without_fireflies(frame, sample, history[0])
+            alike = {name: getattr(frame, name) for name in ("depth", "normal", "ids")}
+            sample = without_fireflies(frame, sample, history[0], alike)
         if self.before is not None:
             if replays:
                 gradient = history[4]

@@ -66,7 +66,8 @@ impl Memory {
                 .then(|| replay::Before::of(frame.color, texture(frame, surfaces.as_ref()))),
             reflections: None,
             surface: SurfaceRecords::of(&compared),
-            motion: told_by_motion(frame, params).map(Pixels::to_records),
+            motion: (told_by_motion(frame).filter(|_| params.tests_motion()))
+                .map(Pixels::to_records),
             camera: frame.camera,
             demodulated: frame.albedo.is_some(),
             surfaces,
@@ -119,8 +120,8 @@ impl Memory {
     /// The pixels that come from where each pixel of the frame before was: by their motion, where no depth tells surfaces
     /// apart.
     pub fn claims(&self, frame: &Frame, motion: &Motion, params: &Params) -> Option<Records> {
-        let before = self.motion.as_ref()?;
-        told_by_motion(frame, params).map(|_| claims(motion.pixels(), before.pixels()))
+        let before = self.motion.as_ref().filter(|_| params.tests_motion())?;
+        told_by_motion(frame).map(|_| claims(motion.pixels(), before.pixels()))
     }
 
     /// Fetches history run by run, with what [`claims`](Self::claims) found.
@@ -194,11 +195,8 @@ impl Memory {
 }
 
 /// The motion of a frame whose surfaces nothing else tells apart by their distance, unless they are thinner than a pixel.
-fn told_by_motion<'a>(frame: &Frame<'a>, params: &Params) -> Option<Pixels<'a>> {
-    let tested = params.surface.motion_difference.none < f32::INFINITY;
-    frame
-        .motion
-        .filter(|&motion| tested && frame.surface.depth.is_none() && !is_erratic(motion))
+pub fn told_by_motion<'a>(frame: &Frame<'a>) -> Option<Pixels<'a>> {
+    (frame.motion).filter(|&motion| frame.surface.depth.is_none() && !is_erratic(motion))
 }
 
 /// The tiles in which normals and ids are incoherent, and the coarse ids that tell surfaces apart there.

@@ -29,14 +29,15 @@ use super::frame::{
 };
 use super::illumination::{Illumination, illumination, surfaces, texture};
 use super::motion_check::Mistake;
-use super::recall::{Incoherent, Memory};
+use super::recall::{Incoherent, Memory, told_by_motion};
 use super::reflections;
 use super::repetition::Noise;
 use super::taa::{self, Stage};
 use crate::error::{Result, in_range};
 use crate::image::{Image, Pixels, Records, Size, View};
+use crate::kernels::camera::parallax::parallax;
 use crate::kernels::camera::pinhole::Camera;
-use crate::kernels::fetch::validate;
+use crate::kernels::fetch::validate::{self, Surface};
 use crate::kernels::judge::exposure::exposure;
 use crate::kernels::judge::innovation::Innovation;
 use crate::kernels::judge::{choice, gradient, innovation, neighborhood};
@@ -215,6 +216,11 @@ impl Params {
             surface: validate::Params::default(),
             ..Self::textbook()
         }
+    }
+
+    /// Whether history is tested by motion, where no depth is known.
+    pub(super) fn tests_motion(&self) -> bool {
+        self.surface.motion_difference.none < f32::INFINITY
     }
 
     /// For a frame whose noise is that of the frame before. However many samples its history counts, they are worth one, so
@@ -489,6 +495,7 @@ impl Svgf {
             guide: OnceCell::new(),
             sample,
             continues: !first,
+            joins: matches!(task, Task::Show(_, Some(_))),
             repeats,
         };
 
@@ -663,6 +670,8 @@ struct Current<'a> {
     sample: Option<Image>,
     /// Whether there is a history.
     continues: bool,
+    /// Whether later frames join it.
+    joins: bool,
     /// Whether the samples have the noise of the frame before.
     repeats: bool,
 }
@@ -689,7 +698,21 @@ impl Current<'_> {
 
     fn guide_by(&self, coarse: Option<Coarse>) -> Guide {
         let reach = self.params.reach();
-        Guide::new(self.size(), reach, self.frame.surface, coarse)
+        // Not with frames from both sides, where three of 26 sequences lost 0.12 to 0.26 dB.
+        let parallax = match self.frame.surface {
+            Surface {
+                normal: None,
+                ids: None,
+                ..
+            } if !self.joins => told_by_motion(self.frame).map(parallax),
+            _ => None,
+        };
+        let depth = parallax.as_ref().map(Image::pixels);
+        let surface = Surface {
+            depth: self.frame.surface.depth.or(depth),
+            ..self.frame.surface
+        };
+        Guide::new(self.size(), reach, surface, coarse)
     }
 
     /// The illumination as it was sampled.

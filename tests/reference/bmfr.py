@@ -1,4 +1,5 @@
 import torch
+from torch import Tensor
 
 from .accumulate import accumulate
 from .blend import blend
@@ -22,6 +23,9 @@ class BMFR(SVGF):
         super().__init__(**{"alpha": 0.05, "motion_difference": torch.inf, **named})
         self.fitted_alpha, self.blocks = fitted_alpha, {"block": block, "features": features}
         self.age = 0
+
+    def depth(self, frame) -> Tensor | None:
+        return frame.depth
 
     def step(self, frame) -> Output:
         light, weight = frame.color, None  # (H, W, 3), (H, W)

@@ -25,6 +25,7 @@ from .taa import (
     find_still,
     for_frame,
     is_unguided,
+    parallax,
     tells_depth,
     told_by_motion,
 )
@@ -104,6 +105,7 @@ class SVGF:
         self.repeats = False
 
     def step(self, frame, later=None) -> Output:
+        self.joins = later is not None
         emission = frame.emission if frame.albedo is not None else None  # (H, W, 3)
         light = frame.color  # (H, W, 3)
         if frame.albedo is not None:
@@ -153,7 +155,7 @@ class SVGF:
         guides = frame.normal, frame.ids  # (H, W, 3), (H, W)
         if incoherent is not None:
             guides = coherent_guides(frame, incoherent)
-        similarity = {"depth": frame.depth, "normal": guides[0], "ids": guides[1], **self.sigmas}
+        similarity = {"depth": self.depth(frame), "normal": guides[0], "ids": guides[1], **self.sigmas}
         missing = int((~light.isfinite().all(-1)).sum())
         light, weight = self.fill(light, history[2], similarity)  # (H, W, 3), (H, W)
         trust = confidence if self.by_confidence else None  # (H, W)
@@ -294,12 +296,15 @@ class SVGF:
 
     def without_fireflies(self, frame, light: Tensor, known: Tensor) -> Tensor:
         """Suppress fireflies of light (H, W, 3), as the camera sees it, relative to the history's light (H, W, 3)."""
-        alike = {"depth": frame.depth, "normal": frame.normal, "ids": frame.ids}
+        alike = {"depth": self.depth(frame), "normal": frame.normal, "ids": frame.ids}
         if frame.albedo is None:
             return suppress_fireflies(light, expected=known, **alike)[0]  # (H, W, 3)
         texture = texture_of(frame)
         seen, expected = (remodulate(image, **texture) for image in (light, known))  # (H, W, 3), (H, W, 3)
         return demodulate(suppress_fireflies(seen, expected=expected, **alike)[0], **texture)  # (H, W, 3)
+
+    def depth(self, frame) -> Tensor | None:
+        return frame.depth if self.joins else parallax(frame)
 
     def _tests(self, frame, motion: Tensor) -> dict:
         tests = {}

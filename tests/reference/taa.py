@@ -122,6 +122,16 @@ def told_by_motion(frame, before) -> dict:
     return {"previous_motion": before.motion} if known and not any(map(is_erratic, (frame, before))) else {}
 
 
+def parallax(frame) -> Tensor | None:
+    """The frame's depth (H, W), or what stands in for it where nothing but motion tells surfaces apart."""
+    others = frame.depth, frame.normal, frame.ids
+    if frame.motion is None or any(image is not None for image in others) or is_erratic(frame):
+        return frame.depth
+    x, y = torch.as_tensor(frame.motion)[..., :2].unbind(-1)  # (H, W), (H, W)
+    speed = (x * x + y * y).sqrt()  # (H, W)
+    return 1 / (10 + speed.where(speed.isfinite(), 0))
+
+
 def is_erratic(frame) -> bool:
     """Whether more than an eighth of the pairs of neighbours differ in motion by more than half a pixel."""
     motion = torch.as_tensor(frame.motion[..., :2])  # (H, W, 2)

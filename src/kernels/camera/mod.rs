@@ -3,5 +3,6 @@
 pub mod dilate;
 pub mod jitter;
 pub mod motion;
+pub mod parallax;
 pub mod pinhole;
 pub mod virtual_motion;
