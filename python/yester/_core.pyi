@@ -578,8 +578,8 @@ class SVGF(Pipeline):
     sigma_depth, sigma_plane : float, default 0.5 and 0.05
         Scale of distances from a pixel's tangent plane: in multiples of what the slope explains, and as a share of
         depth; both above 0. The two add up (`atrous`). Where nothing but motion tells surfaces apart,
-        ``1 / (10 + |motion|)`` stands in for depth, unless motion changes from pixel to pixel or later frames join: where
-        the camera moves aside, near surfaces move faster.
+        ``1 / (10 + |motion|)`` stands in for depth, unless motion changes from pixel to pixel or later frames join:
+        where the camera moves aside, near surfaces move faster.
     relative_depth : float or (float, float), default 0.1
         Largest relative difference from the expected depth that history may have; above 0. For frames without camera,
         normals or motion of 3 channels.
