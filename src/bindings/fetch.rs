@@ -114,9 +114,8 @@ use crate::kernels::judge::claims::claims;
 #[pyo3(signature = (history, motion, *, filter="bilinear", fallback=true, dering=true, depth=None, previous_depth=None, normal=None,
     previous_normal=None, ids=None, previous_ids=None, object_normal=None, previous_object_normal=None, color=None,
     previous_color=None, previous_motion=None, previous_camera=None, relative_depth=Threshold::hard(0.1),
-    plane_distance=Threshold::hard(0.01),
-    normal_angle=Threshold::hard(25.0), relative_luminance=Threshold::hard(0.5), speed=None,
-    motion_difference=Threshold::hard(0.2), out=None))]
+    plane_distance=Threshold::hard(0.01), normal_angle=Threshold::hard(25.0), relative_luminance=Threshold::hard(0.5),
+    speed=None, motion_difference=Threshold::hard(0.2), out=None))]
 #[pyo3(
     text_signature = "(history, motion, *, filter='bilinear', fallback=True, dering=True, depth=None, previous_depth=None, \
     normal=None, previous_normal=None, ids=None, previous_ids=None, object_normal=None, previous_object_normal=None, \

@@ -38,7 +38,7 @@ pub struct Memory {
     shown: Option<replay::Before>,
     pub reflections: Option<reflections::Memory>,
     surface: SurfaceRecords,
-    /// The frame's motion where nothing tells its surfaces apart, unless it changes from pixel to pixel.
+    /// The motion of a frame without depth, unless it changes from pixel to pixel.
     motion: Option<Records>,
     pub camera: Option<Camera>,
     demodulated: bool,
@@ -117,8 +117,7 @@ impl Memory {
         ))
     }
 
-    /// The pixels that come from where each pixel of the frame before was: by their motion, where no depth tells surfaces
-    /// apart.
+    /// For the test of motion, where no depth is known: how well the pixels that come from one place agree with its own motion.
     pub fn claims(&self, frame: &Frame, motion: &Motion, params: &Params) -> Option<Records> {
         let before = self.motion.as_ref().filter(|_| params.tests_motion())?;
         told_by_motion(frame).map(|_| claims(motion.pixels(), before.pixels()))

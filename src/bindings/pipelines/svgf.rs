@@ -166,8 +166,8 @@ impl SVGF {
     #[pyo3(signature = (*, alpha=0.2, moments_alpha=0.2, iterations=3, radius=1, sigma_luminance=3.0,
         relative_noise=2.5, sigma_normal=64.0, sigma_depth=0.5, sigma_plane=0.05, relative_depth=Threshold::hard(0.1),
         plane_distance=Threshold::hard(0.01), normal_angle=Threshold::hard(25.0), motion_difference=Threshold::hard(0.2),
-        relative_albedo=None, min_length=3.5, feedback=false, by_confidence=false, gradient=true, fireflies=false, reflections=vec![0.4, 1.2], choice=true, innovation=true, antialias=true,
-        average_still=false, coherence=true))]
+        relative_albedo=None, min_length=3.5, feedback=false, by_confidence=false, gradient=true, fireflies=false,
+        reflections=vec![0.4, 1.2], choice=true, innovation=true, antialias=true, average_still=false, coherence=true))]
     #[pyo3(
         text_signature = "(*, alpha=0.2, moments_alpha=0.2, iterations=3, radius=1, sigma_luminance=3.0, \
         relative_noise=2.5, sigma_normal=64.0, sigma_depth=0.5, sigma_plane=0.05, relative_depth=0.1, plane_distance=0.01, \

@@ -12,8 +12,8 @@
 //!   thumb). Background matches background alone.
 //! - **luminance**: |l − l′| / max(|l|, |l′|) ≤ t; missing samples pass.
 //! - **speed**: the length of the motion in pixels.
-//! - **motion**, where nothing else tells surfaces apart: |m − m′| − 2c ≤ t, by how much the motion of the surface that the tap
-//!   shows would have changed, above what others of its claimants need ([`super::super::judge::claims`]).
+//! - **motion**, for frames without depth: |m − m′| − 2c ≤ t, where m is the pixel's motion, m′ that of the tap in the previous
+//!   frame, and c the least |m − m′| of all pixels that come from the tap ([`super::super::judge::claims`]).
 
 use super::spans::{Span, Spans};
 use crate::error::{Error, Result, in_range};

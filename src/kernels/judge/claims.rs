@@ -6,7 +6,7 @@
 //!   c = min |m − m′| over these pixels, 0 if there is none,
 //! another pixel's history is another surface's where |m − m′| − 2c exceeds a bound
 //! ([`motion_difference`](crate::kernels::fetch::validate::Params::motion_difference)). Speeds that change for the whole image,
-//! as those of a camera in the hand, change all claims alike, and reject nothing.
+//! as those of a camera in the hand, raise all claims alike, so that they are no reason to reject.
 //!
 //! SMAA's temporal mode trusts history by how far the lengths of both motions differ (Jimenez et al. 2012, *SMAA: Enhanced
 //! Subpixel Morphological Antialiasing*); the least difference as the measure is ours.
