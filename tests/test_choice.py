@@ -9,7 +9,7 @@ import yester
 from compare import SIZES, TAILS, assert_close, assert_same_bits, each, tensor
 from hypothesis import given
 from hypothesis import strategies as st
-from reference.choice import costs, relative, together, weights
+from reference.choice import around, costs, relative, together, weights, whole
 from test_innovation import motions
 from test_svgf import gallery, speckled
 
@@ -76,22 +76,34 @@ def compare_check(color, candidates, evidence=None, *, exposure=1.0, usual=0):
     return got
 
 
-def choice_check(evidence, motion, coverage, *, usual=0, strictness=0.5, share=0.3):
+def choice_check(evidence, motion, coverage, *, usual=0, strictness=0.5, frame_strictness=3.0, share=0.3):
     """Compare evidence with the reference; the choice must cost as little, by the reference, as its own."""
-    named = {"usual": usual, "strictness": strictness, "share": share}
+    named = {"usual": usual, "strictness": strictness, "frame_strictness": frame_strictness, "share": share}
     got, left = yester.choice(evidence, motion, coverage, **named)
     want, known = (image.numpy() for image in reference.choice(*tensor([evidence, motion, coverage]), **named))
     steps = evidence.shape[-1] // 2 - 1
     assert got.dtype == left.dtype == np.float32
     assert_close("choice evidence", left, known, rtol=1e-6, scale=largest(evidence))
-    # Decisions that float32 may turn: costs that differ by roundings, and numbers of samples at the bound.
-    cost = costs(tensor(known), usual, strictness).numpy()
-    mine, its = (np.take_along_axis(cost, chosen.astype(int)[..., None], -1)[..., 0] for chosen in (got, want))
-    weight, n = (averaged(known[..., i]) for i in (-2, -1))
-    rounding = 1e-6 * (1 + strictness) * largest(evidence)[:steps].sum() / np.maximum(weight, 1e-6)
-    with np.errstate(invalid="ignore"):
-        assert ((mine - its <= rounding) | (np.abs(n - 16) < 1e-4) | (got == want)).all()
     assert ((got >= 0) & (got <= steps) & (got == np.rint(got))).all()
+    # Decisions that float32 may turn: costs that differ by roundings, and numbers of samples at the bound.
+    errors = 1e-6 * largest(evidence)[:steps].sum()
+    parts = known.copy()
+    parts[..., :steps] = np.abs(parts[..., :steps])
+    terms = whole(tensor(parts)).numpy()[0, 0]
+    of_frame = costs(whole(tensor(known)), usual, frame_strictness, tiles=1).numpy().ravel()
+    finite = min(frame_strictness, 1e6) * np.sqrt(terms[steps:-2].sum())
+    rounding = 1e-5 * (terms[:steps].sum() + finite) / max(terms[-1], 1)
+    defaults = np.flatnonzero(of_frame - of_frame.min() <= rounding)
+
+    def follows(default: int) -> bool:
+        cost = costs(around(tensor(known)), default, strictness).numpy()
+        mine, least = np.take_along_axis(cost, got.astype(int)[..., None], -1)[..., 0], cost.min(-1)
+        weight, n = (averaged(known[..., i]) for i in (-2, -1))
+        rounding = errors * (1 + strictness) / np.maximum(weight, 1e-6)
+        with np.errstate(invalid="ignore"):
+            return bool(((mine - least <= rounding) | (np.abs(n - 16) < 1e-4)).all())
+
+    assert any(map(follows, defaults)) or (got == want).all()
     return got, left
 
 
@@ -128,6 +140,7 @@ def test_reference_of_comparisons(seed, size, count, exposure, end, known, holes
     count=st.integers(2, 6),
     end=st.sampled_from([0, 0.5, 1]),
     strictness=st.sampled_from([0.0, 0.5, 3.0]),
+    frame_strictness=st.sampled_from([0.0, 0.5, 3.0, np.inf]),
     share=st.sampled_from([0.0, 0.1, 1.0]),
     channels=st.sampled_from([2, 3]),
     holes=st.sampled_from([0.0, 0.05, 0.8]),
@@ -159,11 +172,11 @@ def steady(candidates, color) -> tuple:
     return np.repeat(np.float32(color)[..., None], 3, -1), np.tile(np.float32(candidates), (*color.shape, 1))
 
 
-def at_rest(evidence, **named):
-    """The choice without motion, with history everywhere."""
+def at_rest(evidence, *, frame_strictness=np.inf, **named):
+    """The choice without motion, with history everywhere; by the tiles alone."""
     height, width = SIDE * evidence.shape[0], SIDE * evidence.shape[1]
     motion, coverage = np.zeros((height, width, 2), np.float32), np.ones((height, width), np.float32)
-    return choice_check(np.float32(evidence), motion, coverage, **named)
+    return choice_check(np.float32(evidence), motion, coverage, frame_strictness=frame_strictness, **named)
 
 
 @pytest.mark.parametrize("truth", [0, 1, 2, 3])
@@ -349,6 +362,44 @@ def test_decisions_by_hand():
     assert decide([0, 0, 0, 0, 20, 20], strictness=0, usual=1) == 1
 
 
+def test_decisions_of_the_frame_by_hand():
+    """By standard errors of the frame's mean; a tile decides against what the frame does."""
+    # -10/20 against √(50 / 20²) = 0.35355; the tile itself would need 50 standard errors.
+    assert decide([-10, 50, 20, 20], strictness=50, frame_strictness=1.41) == 1
+    assert decide([-10, 50, 20, 20], strictness=50, frame_strictness=1.42) == 0
+    assert decide([-10, 50, 20, 15.9], strictness=0, frame_strictness=0) == 0
+    # The frame takes the last candidate, the first tile the one before it, which is a little better there.
+    steps = [-10, -10, 20, 20, 20, 20], [-10, 1, 20, 20, 20, 20]
+    evidence = np.tile(np.float32(steps[0]), (1, 12, 1))
+    evidence[:, :2] = steps[1]
+    for frame_strictness in (3, np.inf):
+        chosen, _ = at_rest(evidence, share=0.0, frame_strictness=frame_strictness)
+        np.testing.assert_array_equal(chosen, [[1, *[2] * 11]])
+    chosen, _ = at_rest(evidence, share=0.0, strictness=9.0, frame_strictness=3)
+    assert (chosen == 2).all()
+
+
+def test_every_pixel_counts_as_much_in_the_frame():
+    """Tiles of eight times the weight, and less cost a pixel, do not outvote others."""
+    evidence = np.zeros((3, 9, 4), np.float32)
+    evidence[:, 0], evidence[:, -1] = [-6, 0, 4, 40], [8, 0, 32, 40]
+    # By the sum of gains the frame would take the first.
+    chosen, _ = at_rest(evidence, share=0.0, frame_strictness=0)
+    assert (chosen[:, :-2] == 1).all()
+    assert (chosen[:, -1] == 0).all()
+
+
+def test_tiles_that_know_nothing_do_as_the_frame_does():
+    evidence = np.tile(np.float32([-50, 250, 100, 100]), (9, 9, 1))
+    evidence[3:, 3:] = 0
+    known = np.ones((9, 9), bool)
+    known[4:, 4:] = False
+    for frame_strictness, want in ((3, 1), (np.inf, 0)):
+        chosen, _ = at_rest(evidence, share=0.0, frame_strictness=frame_strictness)
+        assert (chosen[known] == 1).all()
+        assert (chosen[~known] == want).all()
+
+
 def test_no_frame_decides_alone():
     """Nine frames speak for the second candidate, and one, with samples ten times as bright, for the first."""
     evidence, pooled = None, 0.0
@@ -437,6 +488,7 @@ def put(**change):
         (r"^usual: expected a candidate, 0 to 2, got 3", put(usual=3)),
         (r"^usual: expected a candidate, 0 to 2, got -1", put(usual=-1)),
         *((r"^strictness: expected", put(strictness=value)) for value in (-0.1, np.nan, np.inf)),
+        *((r"^frame_strictness: expected", put(frame_strictness=value)) for value in (-0.1, np.nan)),
         *((r"^share: expected", put(share=value)) for value in (-0.1, 1.1, np.nan)),
     ],
 )
@@ -632,7 +684,7 @@ def test_mirrors_keep_their_images():
 
 
 def test_evidence_is_of_earlier_frames():
-    """Where only later frames have seen a surface, there is no evidence: the usual number of passes."""
+    """Where only later frames have seen a surface, there is no evidence: the passes that the frame needs."""
     truth, frames = halves(8)
     svgf, colors = yester.SVGF(), truth.astype(np.float32)
     one, light = np.ones((64, 128), np.float32), colors[..., 0]

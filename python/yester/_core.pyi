@@ -624,13 +624,14 @@ class SVGF(Pipeline):
         cameras and depth.
     choice : bool, default True
         Give each tile of 8×8 pixels the number of filter passes, from none to one more than `iterations`, after which
-        history best predicted the samples of earlier frames (`choice`). With albedo, pixels without history get one
-        pass more than their tile. Mirrors, texture that is not in the albedo and fine shadows keep their detail, and
-        uniform surfaces are smoothed more. The filter then compares the luminance that history predicts, where that
-        is worth 2.5 samples and the new one is no outlier, instead of the merged one. The output stage's result is
-        mixed with the denoised colour and the samples, by tiles, as new samples tell (`TAA`): frames of many samples
-        need little of it. A frame that has the noise of the frame before (`repetition`) cannot judge: it gets the
-        usual passes, by the variance in space, with a `UserWarning`.
+        history best predicted the samples of earlier frames (`choice`); tiles that know nothing do as is best for the
+        frame as a whole. With albedo, pixels without history get one pass more than their tile. Mirrors, texture that
+        is not in the albedo and fine shadows keep their detail, and uniform surfaces are smoothed more. The filter
+        then compares the luminance that history predicts, where that is worth 2.5 samples and the new one is no
+        outlier, instead of the merged one. The output stage's result is mixed with the denoised colour and the
+        samples, by tiles, as new samples tell (`TAA`): frames of many samples need little of it. A frame that has the
+        noise of the frame before (`repetition`) cannot judge: it gets the usual passes, by the variance in space, with
+        a `UserWarning`.
     innovation : bool, default True
         Add the error of the result, as estimated from the new samples and those of a few earlier frames, to the result
         and to history (`innovation`): this restores moving light and detail blurred by the filter or in reflections.
@@ -2073,9 +2074,10 @@ def consistency(
     at a tenth and the angle of 25° are customary values.
 
     With `previous_motion`, of the pixels that come from one place those are taken to have been there whose motion has
-    changed least. Where speed changes for all, by a camera in the hand, none is rejected. The claim c of a tap is the
-    least ``|m - m'|`` of all pixels whose footprint has it, 0 if there is none, with m' its own motion in the previous
-    frame; ``|m - m'| - 2c`` is compared. In leaves thinner than a pixel, motion says nothing: leave it out.
+    changed least, so that a change of speed of the whole image, such as by a camera in the hand, rejects nothing. The
+    claim c of a tap is the least ``|m - m'|`` of all pixels whose footprint has it, 0 if there is none, with m' its own
+    motion in the previous frame; ``|m - m'| - 2c`` is compared. In leaves thinner than a pixel, motion says nothing:
+    leave it out.
 
     References
     ----------
@@ -2607,6 +2609,7 @@ def choice(
     *,
     usual: int = 0,
     strictness: float = 0.5,
+    frame_strictness: float = 3.0,
     share: float = 0.3,
     out: tuple[_Floats | None, _Floats | None] | None = None,
 ) -> tuple[_Floats, _Floats]:
@@ -2622,9 +2625,13 @@ def choice(
         Above 0 where the pixel's surface was visible in the previous frame (see `reproject`); tiles whose centre was
         not have no evidence.
     usual : int, default 0
-        The default candidate: it is chosen without evidence, and all others are compared with it.
+        The default candidate, unless another is better for the frame as a whole. The default is chosen without
+        evidence, and all others are compared with it.
     strictness : float, default 0.5
-        Standard errors by which another candidate must be better; at least 0.
+        Standard errors by which another candidate must be better than the default; at least 0.
+    frame_strictness : float, default 3
+        Standard errors by which another candidate must be better than `usual` for the frame as a whole to become the
+        default; at least 0, infinite to keep `usual`.
     share : float, default 0.3
         Fraction of the evidence that decays per frame; 0 to 1.
     out : tuple of (⌈H/8⌉, ⌈W/8⌉) and (⌈H/8⌉, ⌈W/8⌉, 2 K) float32 arrays, optional
@@ -2653,7 +2660,9 @@ def choice(
     A tile's sums are averaged with those of its neighbours, with weights {1, 2, 1}/4 along each axis. The candidate
     with the least mean gain plus `strictness` standard errors of the steps between it and the default one wins if that
     is below 0; with fewer than 16 samples in the average, the default candidate stays. The variance of an average is
-    that of a tile, divided by 64/9, the effective number of tiles in it.
+    that of a tile, divided by 64/9, the effective number of tiles in it. What is best for the frame is the best
+    guess for a tile that knows nothing: the mean gains of all pixels in tiles of at least 16 samples decide first, in
+    the same way.
 
     Examples
     --------

@@ -21,9 +21,13 @@ use crate::kernels::judge::{choice, collocation, exposure, prediction, repetitio
 ///     Above 0 where the pixel's surface was visible in the previous frame (see `reproject`); tiles whose centre was
 ///     not have no evidence.
 /// usual : int, default 0
-///     The default candidate: it is chosen without evidence, and all others are compared with it.
+///     The default candidate, unless another is better for the frame as a whole. The default is chosen without
+///     evidence, and all others are compared with it.
 /// strictness : float, default 0.5
-///     Standard errors by which another candidate must be better; at least 0.
+///     Standard errors by which another candidate must be better than the default; at least 0.
+/// frame_strictness : float, default 3
+///     Standard errors by which another candidate must be better than `usual` for the frame as a whole to become the
+///     default; at least 0, infinite to keep `usual`.
 /// share : float, default 0.3
 ///     Fraction of the evidence that decays per frame; 0 to 1.
 /// out : tuple of (⌈H/8⌉, ⌈W/8⌉) and (⌈H/8⌉, ⌈W/8⌉, 2 K) float32 arrays, optional
@@ -52,7 +56,9 @@ use crate::kernels::judge::{choice, collocation, exposure, prediction, repetitio
 /// A tile's sums are averaged with those of its neighbours, with weights {1, 2, 1}/4 along each axis. The candidate
 /// with the least mean gain plus `strictness` standard errors of the steps between it and the default one wins if that
 /// is below 0; with fewer than 16 samples in the average, the default candidate stays. The variance of an average is
-/// that of a tile, divided by 64/9, the effective number of tiles in it.
+/// that of a tile, divided by 64/9, the effective number of tiles in it. What is best for the frame is the best
+/// guess for a tile that knows nothing: the mean gains of all pixels in tiles of at least 16 samples decide first, in
+/// the same way.
 ///
 /// Examples
 /// --------
@@ -63,7 +69,12 @@ use crate::kernels::judge::{choice, collocation, exposure, prediction, repetitio
 /// >>> best
 /// array([[1.]], dtype=float32)
 #[pyfunction]
-#[pyo3(name = "choice", signature = (evidence, motion, coverage, *, usual=0, strictness=0.5, share=0.3, out=None))]
+#[pyo3(
+    name = "choice",
+    signature = (
+        evidence, motion, coverage, *, usual=0, strictness=0.5, frame_strictness=3.0, share=0.3, out=None
+    )
+)]
 pub fn choice_<'py>(
     py: Python<'py>,
     evidence: &Bound<'py, PyAny>,
@@ -71,10 +82,15 @@ pub fn choice_<'py>(
     coverage: &Bound<'py, PyAny>,
     usual: i128,
     strictness: f32,
+    frame_strictness: f32,
     share: f32,
     out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<(Bound<'py, PyArrayDyn<f32>>, Bound<'py, PyArrayDyn<f32>>)> {
-    let params = choice::Params { strictness, share };
+    let params = choice::Params {
+        strictness,
+        frame_strictness,
+        share,
+    };
     params.check()?;
     let (chosen, carried) = {
         let motion = Input::<f32>::new(motion, "motion", MOTION)?;

@@ -215,9 +215,10 @@ fn pair<'py, T>(
 /// at a tenth and the angle of 25° are customary values.
 ///
 /// With `previous_motion`, of the pixels that come from one place those are taken to have been there whose motion has
-/// changed least. Where speed changes for all, by a camera in the hand, none is rejected. The claim c of a tap is the
-/// least ``|m - m'|`` of all pixels whose footprint has it, 0 if there is none, with m' its own motion in the previous
-/// frame; ``|m - m'| - 2c`` is compared. In leaves thinner than a pixel, motion says nothing: leave it out.
+/// changed least, so that a change of speed of the whole image, such as by a camera in the hand, rejects nothing. The
+/// claim c of a tap is the least ``|m - m'|`` of all pixels whose footprint has it, 0 if there is none, with m' its own
+/// motion in the previous frame; ``|m - m'| - 2c`` is compared. In leaves thinner than a pixel, motion says nothing:
+/// leave it out.
 ///
 /// References
 /// ----------

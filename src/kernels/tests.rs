@@ -467,7 +467,7 @@ proptest! {
         let (color, candidates, coverage) = (draw.wild(3), draw.wild(count), draw.wild(1));
         let views: Vec<_> = (0..count).map(|k| candidates.view().channel(k)).collect();
         choice::compare(&color.pixels(), &views, light, usual, &mut sums);
-        let params = choice::Params { strictness: draw.of(&FROM_0), share: draw.of(&SHARES) };
+        let params = choice::Params { strictness: draw.of(&FROM_0), frame_strictness: draw.of(&FROM_0), share: draw.of(&SHARES) };
         let (chosen, _) = choice::choice(sums.pixels(), motion.pixels(), coverage.view(), usual, params);
         prop_assert!(chosen.plane(0).iter().all(|&k| (0.0..count as f32).contains(&k)));
 

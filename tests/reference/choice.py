@@ -62,24 +62,41 @@ def around(evidence: Tensor) -> Tensor:
     return evidence
 
 
-def costs(evidence: Tensor, usual: int, strictness: float) -> Tensor:
-    """Costs (h, w, K) of candidates against the usual one, as squared errors; infinite where too little is known."""
-    evidence = around(evidence)
+def costs(evidence: Tensor, usual: int, strictness: float, *, tiles: float = 64 / 9) -> Tensor:
+    """Costs (h, w, K) of candidates against the usual one, as squared errors; infinite where too little is known.
+
+    The evidence is the mean of so many tiles.
+    """
     steps = evidence.shape[-1] // 2 - 1
     gains, squares, weight, n = evidence.split([steps, steps, 1, 1], -1)  # (h, w, K - 1) twice, (h, w, 1) twice
     cost = torch.zeros(*n.shape[:2], steps + 1).to(n)  # (h, w, K)
     for candidate in range(steps + 1):
         between = slice(min(candidate, usual), max(candidate, usual))
         sign = 1 if candidate > usual else -1
-        variance = (squares[..., between] / weight / (64 / 9 * weight)).sum(-1)  # (h, w)
+        variance = (squares[..., between] / weight / (tiles * weight)).sum(-1)  # (h, w)
         cost[..., candidate] = sign * (gains[..., between] / weight).sum(-1) + strictness * variance.sqrt()
     cost = cost.nan_to_num(torch.inf, torch.inf, torch.inf).where(n >= 16, torch.inf)
     cost[..., usual] = 0
     return cost
 
 
+def whole(evidence: Tensor) -> Tensor:
+    """The evidence (1, 1, 2 K) of a frame, as if it were one tile, of those that know enough, in units of the costs."""
+    steps = evidence.shape[-1] // 2 - 1
+    gains, squares, weight, n = evidence.split([steps, steps, 1, 1], -1)  # (h, w, K - 1) twice, (h, w, 1) twice
+    scale = n / weight  # (h, w, 1)
+    known = (n >= 16) & scale.isfinite()  # (h, w, 1)
+    return torch.cat([scale * gains, scale**2 * squares, n, n], -1).where(known, 0).sum((0, 1), keepdim=True)
+
+
+def best_of_frame(evidence: Tensor, usual: int, strictness: float) -> int:
+    """The candidate that is best for the frame as a whole."""
+    cost = costs(whole(evidence), usual, strictness, tiles=1).flatten()  # (K,)
+    return int(cost.argmin()) if cost.min() < 0 else usual
+
+
 def choice(
-    evidence: Tensor, motion: Tensor, coverage: Tensor, *, usual=0, strictness=0.5, share=0.3
+    evidence: Tensor, motion: Tensor, coverage: Tensor, *, usual=0, strictness=0.5, frame_strictness=3.0, share=0.3
 ) -> tuple[Tensor, Tensor]:
     """Choose of a series of predictions, tile by tile, the one that predicted the samples of earlier frames best.
 
@@ -88,8 +105,9 @@ def choice(
     evidence : (ceil(H / 8), ceil(W / 8), 2 K) of the frame before: sums of gains, squares and weights; number
     motion : (H, W, 2|3), pixels to the frame before
     coverage : (H, W), above 0 where the pixel has a history
-    usual : candidate that is chosen without evidence
+    usual : candidate that is chosen without evidence, unless another is better for the frame
     strictness : standard errors by which another must be better
+    frame_strictness : standard errors by which another must be better for the frame, to be chosen without evidence
     share : weight of the new frame: the fraction of the evidence that is forgotten
 
     Returns
@@ -97,7 +115,8 @@ def choice(
     choice (h, w), evidence (h, w, 2 K) at the tiles' current places
     """
     carried = (1 - share) * carry(evidence, motion, coverage)  # (h, w, 2 K)
-    least, best = costs(carried, usual, strictness).min(-1)  # (h, w), (h, w)
+    usual = best_of_frame(carried, usual, frame_strictness)
+    least, best = costs(around(carried), usual, strictness).min(-1)  # (h, w), (h, w)
     return torch.where(least < 0, best, usual).to(evidence), carried
 
 

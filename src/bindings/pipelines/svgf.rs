@@ -88,13 +88,14 @@ use crate::pipelines::{svgf, taa};
 ///     cameras and depth.
 /// choice : bool, default True
 ///     Give each tile of 8×8 pixels the number of filter passes, from none to one more than `iterations`, after which
-///     history best predicted the samples of earlier frames (`choice`). With albedo, pixels without history get one
-///     pass more than their tile. Mirrors, texture that is not in the albedo and fine shadows keep their detail, and
-///     uniform surfaces are smoothed more. The filter then compares the luminance that history predicts, where that
-///     is worth 2.5 samples and the new one is no outlier, instead of the merged one. The output stage's result is
-///     mixed with the denoised colour and the samples, by tiles, as new samples tell (`TAA`): frames of many samples
-///     need little of it. A frame that has the noise of the frame before (`repetition`) cannot judge: it gets the
-///     usual passes, by the variance in space, with a `UserWarning`.
+///     history best predicted the samples of earlier frames (`choice`); tiles that know nothing do as is best for the
+///     frame as a whole. With albedo, pixels without history get one pass more than their tile. Mirrors, texture that
+///     is not in the albedo and fine shadows keep their detail, and uniform surfaces are smoothed more. The filter
+///     then compares the luminance that history predicts, where that is worth 2.5 samples and the new one is no
+///     outlier, instead of the merged one. The output stage's result is mixed with the denoised colour and the
+///     samples, by tiles, as new samples tell (`TAA`): frames of many samples need little of it. A frame that has the
+///     noise of the frame before (`repetition`) cannot judge: it gets the usual passes, by the variance in space, with
+///     a `UserWarning`.
 /// innovation : bool, default True
 ///     Add the error of the result, as estimated from the new samples and those of a few earlier frames, to the result
 ///     and to history (`innovation`): this restores moving light and detail blurred by the filter or in reflections.

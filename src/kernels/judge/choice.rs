@@ -15,6 +15,9 @@
 //!   Σ ±Gₖ/W + c √(Σ Vₖ / (64/9 W²)),
 //! k over the steps between u and j, + beyond u and − before it, 64/9 being the effective number of tiles in the average.
 //! The cheapest candidate wins: one other than u must be better by c standard errors. Where n is below 16, u stays.
+//! **Default.** What is best for the frame is the best guess for a tile that knows nothing. The costs of the whole frame, the
+//! mean over its pixels, therefore decide first, in the same way but by c′ standard errors; of tiles in which n is at least 16,
+//! they sum n/W G, (n/W)² V, n and n. For each tile, u is what they choose.
 //!
 //! A frame is decided by the evidence of the frames before it, so that one run of the filter makes both its result and
 //! its candidates. The choice is interpolated between tile centres, and a fractional choice mixes two candidates, so
@@ -27,7 +30,7 @@
 use std::ops::Range;
 
 use super::innovation;
-use crate::error::{Result, finite_from_0, from_0_to_1};
+use crate::error::{Result, finite_from_0, from_0_to_1, in_range};
 use crate::image::{BandMut, Image, Pixels, Records, Run, SEGMENT, Size, View, segments};
 use crate::math::{larger, luminance, smaller};
 use crate::pixels::{Colors, Row};
@@ -38,6 +41,9 @@ use crate::rows::{self, BAND, Kernel, Simd};
 pub struct Params {
     /// c: standard errors by which a candidate must beat the default; ≥ 0; 0.5.
     pub strictness: f32,
+    /// c′: standard errors by which a candidate must beat the usual one over the whole frame to be the default there;
+    /// ≥ 0, may be infinite; 3.
+    pub frame_strictness: f32,
     /// β: fraction of the evidence that decays per frame; 0 to 1; 0.3.
     pub share: f32,
 }
@@ -46,6 +52,7 @@ impl Default for Params {
     fn default() -> Self {
         Self {
             strictness: 0.5,
+            frame_strictness: 3.0,
             share: 0.3,
         }
     }
@@ -55,6 +62,12 @@ impl Params {
     /// An error if a parameter is out of range.
     pub fn check(&self) -> Result<()> {
         finite_from_0("strictness", self.strictness)?;
+        in_range(
+            "frame_strictness",
+            self.frame_strictness,
+            "a number from 0",
+            |v| v >= 0.0,
+        )?;
         check_share(self.share)
     }
 }
@@ -100,9 +113,10 @@ pub fn choice(
     let carried = carry(evidence, motion, coverage, params.share);
     let size = evidence.size;
     let mut chosen = Image::blank(size, 1);
+    let frame = whole(carried.pixels());
     let decide = Decide {
         evidence: carried.pixels(),
-        usual,
+        usual: cheapest(&frame, 1.0, usual, params.frame_strictness),
         strictness: params.strictness,
     };
     rows::run(&decide, size.height, chosen.bands());
@@ -340,6 +354,29 @@ pub(super) fn average(evidence: Pixels, x: usize, y: usize, mean: &mut [f32]) {
     }
 }
 
+/// The evidence of the whole frame, as of one tile: in units of the costs themselves, so that every pixel counts as much.
+fn whole(evidence: Pixels) -> Vec<f32> {
+    let mut sums = vec![0.0; evidence.channels];
+    for tile in evidence.elements().0.chunks_exact(evidence.channels) {
+        let (steps, counts) = tile.split_at(tile.len() - 2);
+        let [weight, n] = [counts[0], counts[1]].map(f64::from);
+        let scale = n / weight;
+        if !(counts[1] >= MIN_COMPARISONS && scale.is_finite()) {
+            continue;
+        }
+        let (gains, squares) = steps.split_at(steps.len() / 2);
+        let gains = gains.iter().map(|&gain| scale * f64::from(gain));
+        let squares = squares
+            .iter()
+            .map(|&square| scale * scale * f64::from(square));
+        let values = gains.chain(squares).chain([n, n]);
+        sums.iter_mut()
+            .zip(values)
+            .for_each(|(sum, value)| *sum += value);
+    }
+    sums.into_iter().map(|sum| sum as f32).collect()
+}
+
 struct Decide<'a> {
     evidence: Pixels<'a>,
     usual: usize,
@@ -355,38 +392,37 @@ impl<'a> Kernel for Decide<'a> {
         for y in rows {
             for x in 0..self.evidence.size.width {
                 average(self.evidence, x, y, &mut around);
-                chosen.row(0, y)[x] = self.cheapest(&around) as f32;
+                chosen.row(0, y)[x] = cheapest(&around, TILES, self.usual, self.strictness) as f32;
             }
         }
     }
 }
 
-impl Decide<'_> {
-    #[inline(always)]
-    fn cheapest(&self, evidence: &[f32]) -> usize {
-        let (sums, counts) = evidence.split_at(evidence.len() - 2);
-        let (gains, squares) = sums.split_at(sums.len() / 2);
-        let ([weight, n], usual) = ([counts[0], counts[1]], self.usual);
-        if !(n >= MIN_COMPARISONS) {
-            return usual;
-        }
-        let (mut best, mut least) = (usual, 0.0);
-        let mut walk = |steps: &mut dyn Iterator<Item = usize>, sign: f32| {
-            let (mut gain, mut variance) = (0.0, 0.0);
-            for step in steps {
-                gain += sign * (gains[step] / weight);
-                variance += squares[step] / weight / (TILES * weight);
-                let cost = gain + self.strictness * variance.sqrt();
-                if cost < least {
-                    let beyond = usize::from(sign > 0.0);
-                    (best, least) = (step + beyond, cost);
-                }
-            }
-        };
-        walk(&mut (usual..gains.len()), 1.0);
-        walk(&mut (0..usual).rev(), -1.0);
-        best
+/// The candidate that costs least by the mean evidence of so many tiles.
+#[inline(always)]
+fn cheapest(evidence: &[f32], tiles: f32, usual: usize, strictness: f32) -> usize {
+    let (sums, counts) = evidence.split_at(evidence.len() - 2);
+    let (gains, squares) = sums.split_at(sums.len() / 2);
+    let [weight, n] = [counts[0], counts[1]];
+    if !(n >= MIN_COMPARISONS) {
+        return usual;
     }
+    let (mut best, mut least) = (usual, 0.0);
+    let mut walk = |steps: &mut dyn Iterator<Item = usize>, sign: f32| {
+        let (mut gain, mut variance) = (0.0, 0.0);
+        for step in steps {
+            gain += sign * (gains[step] / weight);
+            variance += squares[step] / weight / (tiles * weight);
+            let cost = gain + strictness * variance.sqrt();
+            if cost < least {
+                let beyond = usize::from(sign > 0.0);
+                (best, least) = (step + beyond, cost);
+            }
+        }
+    };
+    walk(&mut (usual..gains.len()), 1.0);
+    walk(&mut (0..usual).rev(), -1.0);
+    best
 }
 
 /// The tiles' choice, interpolated at pixels.
