@@ -535,6 +535,7 @@ class SVGF:
         self.stage["unguided_alpha"] = 0.0 if average_still else 0.5
         self.before = self.antialiased = self.mirrored = self.evidence = self.lag = self.mixing = None
         self.chooses, self.choice, self.coherence = choice, None, coherence
+        self.choice_with_albedo, self.strictness, self.fewest = True, 0.5, 2.5
         self.noise, self.repeats = Noise(), False
         self.still, self.still_frames = None, 0
         self.asked, self.won = [], []  # weights of the pixels, by frame
@@ -551,8 +552,11 @@ class SVGF:
         incoherent = None
         still = find_still(frame, self.before)
         moved = seen = motion
-        self.repeats = self.chooses and shows and self.noise.repeats(sample, motion)
-        chooses, min_length = self.chooses and shows and not self.repeats, self.min_length
+        judges = self.chooses and shows and (self.choice_with_albedo or frame.albedo is None)
+        if not judges:
+            self.noise = Noise()
+        self.repeats = judges and self.noise.repeats(sample, motion)
+        chooses, min_length = judges and not self.repeats, self.min_length
         averages = self.average_still and rests(self.before, frame) and chooses and frame.replay is None
         patience = np.float32(1)
         if not averages:
@@ -656,7 +660,7 @@ class SVGF:
                 deviation = np.sqrt(np.fmax(second - first * first, np.float32(0)))
                 most = np.float32(1.5) * deviation + np.float32(1e-3) * np.abs(prediction)
                 near = luminance(color) - prediction <= most
-            prediction = np.where((expected[2] >= 2.5) & near, prediction, np.float32(np.nan))
+            prediction = np.where((expected[2] >= self.fewest) & near, prediction, np.float32(np.nan))
 
         def smooth(passes: int):
             known = {} if prediction is None else {"prediction": prediction}
@@ -745,7 +749,8 @@ class SVGF:
         height, width = coverage.shape
         levels = np.full((height, width), self.iterations, np.float32)
         if self.choice is not None:
-            chosen, self.choice = yester.choice(self.choice, motion, coverage, usual=self.iterations)
+            asks = {"usual": self.iterations, "strictness": self.strictness}
+            chosen, self.choice = yester.choice(self.choice, motion, coverage, **asks)
             filled = ~np.isfinite(series[0][0]).all(-1)
             alone = ((coverage == 0) & (length < 1.5)).astype(np.float32)
             shown = np.minimum(between_tiles(chosen, height, width) + alone, np.float32(len(series) - 1))
@@ -841,10 +846,10 @@ class SVGF:
 
 
 class HalfRes(SVGF):
-    def __init__(self, *, alpha=0.2, weight=0.1, radius=2, iterations=4, sigma_luminance=4.0, **named):
-        named = {"choice": False, "coherence": False, **named}
-        named = {"sigma_luminance": sigma_luminance, "relative_noise": np.inf, **named}
-        super().__init__(alpha=alpha, iterations=iterations, radius=2, **named)
+    def __init__(self, *, alpha=0.2, weight=0.1, radius=2, iterations=4, sigma_luminance=4.0, choice=None, **named):
+        named = {"sigma_luminance": sigma_luminance, "relative_noise": np.inf, "coherence": False, **named}
+        super().__init__(alpha=alpha, iterations=iterations, radius=2, choice=choice is not False, **named)
+        self.choice_with_albedo, self.strictness, self.fewest = choice is True, 1.0, np.float32(0.9)
         self.weight, self.radius = np.float32(weight), radius
         self.passes, self.stage = 4, {**self.stage, "gamma": 0.6, "choice": False, "unguided_alpha": 0.0}
 

@@ -591,7 +591,13 @@ def test_three_samples_predict(alpha, first):
 def test_only_pipelines_that_choose_report_it():
     frame = yester.Frame(np.ones((20, 30, 3), np.float32), depth=np.ones((20, 30), np.float32))
     assert yester.SVGF().step(frame).choice.shape == (20, 30)
-    for pipeline in (yester.SVGF(choice=False), yester.BMFR(), yester.HalfRes(), yester.TAA(), yester.Upscaler()):
+    for pipeline in (
+        yester.SVGF(choice=False),
+        yester.BMFR(),
+        yester.HalfRes(choice=False),
+        yester.TAA(),
+        yester.Upscaler(),
+    ):
         assert pipeline.step(frame).choice is None
 
 

@@ -61,7 +61,32 @@ def test_pipeline_is_its_kernels(named):
     "names", [(), ("albedo",), ("depth", "ids"), ("normal",), ("depth", "normal", "camera")], ids=str
 )
 def test_subsets_of_buffers(names):
-    check_bits(frames_of(names, 5))
+    check_bits(frames_of(names, 9))
+
+
+def test_passes_are_chosen_where_there_is_no_albedo():
+    """There alone by default."""
+    check_bits(frames_of(NAMES, 7), choice=True)
+    check_bits(frames_of(("depth",), 9), choice=False)
+    usual, other = yester.HalfRes(), yester.HalfRes(choice=False)
+    for frame in frames_of(NAMES, 7):
+        got, want = usual.step(frame), other.step(frame)
+        assert (got.choice == 4).all()
+        assert_same_bits(got.color, want.color)
+    with_albedo = yester.HalfRes(choice=True)
+    assert any((with_albedo.step(frame).choice != 4).any() for frame in frames_of(NAMES, 12))
+
+
+def test_texture_without_albedo_stays_sharp():
+    """Stripes that no buffer shows: a fixed number of passes blurs them."""
+    rng, truth = np.random.default_rng(0), np.ones((48, 64, 3)) * (0.2 + 0.8 * (np.arange(64)[:, None] // 4 % 2))
+    pipelines, errors = (yester.HalfRes(), yester.HalfRes(choice=False)), []
+    for number in range(12):
+        noisy = (truth * rng.gamma(20, 1 / 20, truth.shape)).astype(np.float32)
+        outs = [pipeline.step(yester.Frame(traced(noisy, number))) for pipeline in pipelines]
+        errors.append([np.mean((out.color - truth) ** 2) for out in outs])
+    chosen, fixed = np.mean(errors[6:], 0)
+    assert chosen < 0.5 * fixed
 
 
 @pytest.mark.parametrize("size", [(1, 1), (2, 1), (1, 9), (17, 33)])

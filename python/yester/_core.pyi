@@ -818,8 +818,9 @@ class HalfRes(SVGF):
         As in `SVGF`.
     reflections : sequence of float, default (0.4, 1.2)
         As in `SVGF`.
-    choice : bool, default False
-        As in `SVGF`. It helps in most scenes; highlights that few samples hit can get worse.
+    choice : bool, optional
+        As in `SVGF`. By default in frames without albedo alone: with it, most scenes gain little, and highlights that
+        few samples hit can get worse.
     innovation : bool, default True
         As in `SVGF`.
     antialias : bool, default True
@@ -872,7 +873,7 @@ class HalfRes(SVGF):
         by_confidence: bool = False,
         fireflies: bool = False,
         reflections: Sequence[float] = (0.4, 1.2),
-        choice: bool = False,
+        choice: bool | None = None,
         innovation: bool = True,
         antialias: bool = True,
     ) -> Self: ...

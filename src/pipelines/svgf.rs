@@ -79,6 +79,8 @@ pub struct Params {
     /// Whether each tile gets as many passes of the filter, up to one more than `atrous.iterations`, as predicted best; not
     /// where the noise of frames repeats, which is looked for.
     pub choice: Option<choice::Params>,
+    /// Whether that is also done in frames that have albedo. Without it, a fixed number of passes blurs texture.
+    pub choice_with_albedo: bool,
     /// Whether the innovation, what new samples show beside the prediction, corrects result and history.
     pub innovation: Option<innovation::Params>,
     /// Distances behind the surface at which reflections are looked for, in units of depth; above 0, +inf included.
@@ -136,6 +138,7 @@ impl Default for Params {
             coherence: true,
             gradient: Some(ESTIMATED_GRADIENT),
             choice: Some(choice::Params::default()),
+            choice_with_albedo: true,
             innovation: Some(innovation::Params::default()),
             reflections: vec![0.4, 1.2],
             antialias: Some(ANTIALIASED),
@@ -171,6 +174,7 @@ impl Params {
             gradient: None,
             fireflies: None,
             choice: None,
+            choice_with_albedo: true,
             innovation: None,
             reflections: vec![],
             antialias: None,
@@ -204,6 +208,13 @@ impl Params {
                 ..ESTIMATED_GRADIENT
             }),
             reflections: vec![0.4, 1.2],
+            // Few pixels of a tile have a sample to judge by, and rare bright ones decide: with albedo, which leaves little to
+            // choose, that harms more than it helps.
+            choice: Some(choice::Params {
+                strictness: 1.0,
+                ..Default::default()
+            }),
+            choice_with_albedo: false,
             antialias: Some(taa::Params {
                 clip,
                 // Most pixels have no sample to judge by, nor to show.
@@ -216,6 +227,11 @@ impl Params {
             surface: validate::Params::default(),
             ..Self::textbook()
         }
+    }
+
+    /// Whether the number of passes is chosen in frames with albedo, or without.
+    fn chooses(&self, with_albedo: bool) -> bool {
+        self.choice.is_some() && (self.choice_with_albedo || !with_albedo)
     }
 
     /// Whether history is tested by motion, where no depth is known.
@@ -470,7 +486,9 @@ impl Svgf {
         let texture = texture(frame, surfaces.as_ref());
         let asks = self.params.looks_around() || !matches!(task, Task::Show(_, None));
         let sample = asks.then(|| illumination(frame.color, texture));
-        let (noise, repeats) = self.listen(past.as_mut(), sample.as_ref(), &motion, &mut task);
+        let chooses = self.params.chooses(texture.is_some());
+        let judges = sample.as_ref().filter(|_| chooses);
+        let (noise, repeats) = self.listen(past.as_mut(), judges, &motion, &mut task);
         // A replay corrects the history of light, which the mean of colours cannot follow.
         let averages = rests && noise.is_some() && !repeats && frame.replay.is_none();
         let still = past.as_mut().and_then(|past| past.still.take());
@@ -478,6 +496,10 @@ impl Svgf {
         let special = match &still {
             _ if repeats => Some(self.params.repeated()),
             Some(still) => Some(self.params.still(still.frames)),
+            None if !chooses && self.params.choice.is_some() => Some(Params {
+                choice: None,
+                ..self.params.clone()
+            }),
             None => None,
         };
         let params = special.as_ref().unwrap_or(&self.params);
@@ -518,28 +540,30 @@ impl Svgf {
         })
     }
 
-    /// Detects noise that repeats that of the previous frame, where samples are to judge. Every pixel then shows the default
-    /// number of passes. Also returns what the next frame is compared with.
+    /// Detects noise that repeats that of the previous frame, where samples are to judge. If they do not, every pixel shows the
+    /// default number of passes. Also returns what the next frame is compared with.
     fn listen(
         &self,
         past: Option<&mut State>,
-        sample: Option<&Image>,
+        judges: Option<&Image>,
         motion: &Motion,
         task: &mut Task,
     ) -> (Option<Noise>, bool) {
         let Task::Show(shown, _) = task else {
             return (None, false);
         };
-        let choice = (shown.choice.as_mut()).filter(|_| self.params.choice.is_some());
-        let Some((choice, sample)) = choice.zip(sample) else {
-            return (None, false);
+        let (noise, repeats) = match judges {
+            Some(sample) => {
+                let before = past.and_then(|past| past.noise.take());
+                let (noise, repeats) = Noise::see(before, sample.pixels(), motion.pixels());
+                (Some(noise), repeats)
+            }
+            None => (None, false),
         };
-        let before = past.and_then(|past| past.noise.take());
-        let (noise, repeats) = Noise::see(before, sample.pixels(), motion.pixels());
-        if repeats {
+        if let (true, Some(choice)) = (repeats || judges.is_none(), &mut shown.choice) {
             choice.fill(self.params.atrous.iterations as f32);
         }
-        (Some(noise), repeats)
+        (noise, repeats)
     }
 }
 

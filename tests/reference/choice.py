@@ -162,8 +162,8 @@ def levels(chosen: Tensor, size: tuple[int, int]) -> Tensor:
 class Choosing:
     """The state between frames: the evidence, None before the first."""
 
-    def __init__(self, usual: int):
-        self.usual, self.evidence = usual, None
+    def __init__(self, usual: int, strictness: float):
+        self.usual, self.strictness, self.evidence = usual, strictness, None
 
     def choose(
         self,
@@ -184,7 +184,8 @@ class Choosing:
         size = coverage.shape
         passes = torch.full(size, float(self.usual)).to(fresh)  # (H, W)
         if self.evidence is not None:
-            chosen, self.evidence = choice(self.evidence, motion, coverage, usual=self.usual)
+            known = {"usual": self.usual, "strictness": self.strictness}
+            chosen, self.evidence = choice(self.evidence, motion, coverage, **known)
             present = series[0][0].isfinite().all(-1)  # (H, W)
             alone = (coverage == 0) & (length < 1.5)  # (H, W)
             shown = (levels(chosen, size) + alone).clamp(max=len(series) - 1)  # (H, W)

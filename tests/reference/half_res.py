@@ -8,10 +8,11 @@ from .svgf import SVGF
 class HalfRes(SVGF):
     """SVGF of partly traced frames: other pixels are reconstructed, and count as weight / (1 + N) of a sample."""
 
-    def __init__(self, *, alpha=0.2, weight=0.1, radius=2, iterations=4, sigma_luminance=4.0, **named):
-        named = {"choice": False, "coherence": False, **named}
-        named = {"sigma_luminance": sigma_luminance, "relative_noise": torch.inf, **named}
-        super().__init__(alpha=alpha, iterations=iterations, radius=2, **named)
+    def __init__(self, *, alpha=0.2, weight=0.1, radius=2, iterations=4, sigma_luminance=4.0, choice=None, **named):
+        named = {"sigma_luminance": sigma_luminance, "relative_noise": torch.inf, "coherence": False, **named}
+        super().__init__(alpha=alpha, iterations=iterations, radius=2, choice=choice is not False, **named)
+        self.choice_with_albedo, self.strictness, self.fewest = choice is True, 1.0, 0.9
+        self.choosing = self.start_choosing()
         self.weight, self.radius = weight, radius
         self.passes, self.stage = 4, {**self.stage, "gamma": 0.6, "choice": False, "unguided_alpha": 0.0}
 

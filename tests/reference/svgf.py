@@ -31,8 +31,8 @@ from .taa import (
 )
 from .variance import estimate_variance
 
-#: Samples that a prediction needs, and standard deviations by which the mean may exceed it.
-FEWEST, MOST = 2.5, 1.5
+#: Standard deviations by which the mean may exceed a prediction.
+MOST = 1.5
 
 
 class Output(NamedTuple):
@@ -92,6 +92,7 @@ class SVGF:
         self.min_length, self.feedback = min_length, feedback
         self.gradient, self.fireflies = gradient, fireflies
         self.chooses, self.innovation, self.antialias = choice, innovation, antialias
+        self.choice_with_albedo, self.strictness, self.fewest = True, 0.5, 2.5
         self.coherence = coherence
         self.by_confidence, self.same_albedo = by_confidence, relative_albedo is not None
         if relative_albedo is not None:
@@ -101,8 +102,11 @@ class SVGF:
 
     def reset(self) -> None:
         self.previous = self.antialiased = self.evidence = self.lag = None
-        self.choosing, self.mixing, self.noise = Choosing(self.iterations), Mixing(), Noise()
+        self.choosing, self.mixing, self.noise = self.start_choosing(), Mixing(), Noise()
         self.repeats = False
+
+    def start_choosing(self) -> Choosing:
+        return Choosing(self.iterations, self.strictness)
 
     def step(self, frame, later=None) -> Output:
         self.joins = later is not None
@@ -112,8 +116,11 @@ class SVGF:
             light = demodulate(light, **texture_of(frame), emission=emission)  # (H, W, 3)
         motion, gradient, incoherent = find_motion(frame, self.previous), None, None  # (H, W, 2|3)
         still = find_still(frame, self.previous)  # (H, W, 3)
-        self.repeats = self.chooses and self.noise.repeats(light, motion)
-        chooses, min_length = self.chooses and not self.repeats, self.min_length
+        judges = self.chooses and (self.choice_with_albedo or frame.albedo is None)
+        if not judges:
+            self.noise = Noise()
+        self.repeats = judges and self.noise.repeats(light, motion)
+        chooses, min_length = judges and not self.repeats, self.min_length
         if self.repeats:  # history counts for no more than one sample
             min_length /= self.blend["alpha"]
         if self.previous is None:
@@ -174,7 +181,7 @@ class SVGF:
             predicted, (first, second) = luminance(expected[0]), expected[1].unbind(-1)  # (H, W) each
             most = MOST * (second - first * first).clamp(min=0).sqrt() + 1e-3 * predicted.abs()  # (H, W)
             near = luminance(color) - predicted <= most  # (H, W)
-            prediction = predicted.where(near & (expected[2] >= FEWEST), torch.nan)  # (H, W)
+            prediction = predicted.where(near & (expected[2] >= self.fewest), torch.nan)  # (H, W)
         variance = estimate_variance(moments, length, min_length=min_length, **similarity)  # (H, W)
         if later is not None:
             variance = variance * (longest / length).clamp(max=1)  # (H, W)
@@ -195,7 +202,7 @@ class SVGF:
         else:
             smooth, smooth_variance = filtered(self.iterations)  # (H, W, 3), (H, W)
             if self.chooses:
-                self.choosing, chosen = Choosing(self.iterations), torch.full_like(length, self.iterations)
+                self.choosing, chosen = self.start_choosing(), torch.full_like(length, self.iterations)
         if self.feedback and self.iterations > 0 and later is None:
             kept[0] = filtered(1)[0]
         found = self.find_innovation(fresh, smooth, length, motion, bright)  # (H, W, 3)

@@ -5,7 +5,7 @@ use pyo3::prelude::*;
 use super::Pipeline;
 use super::svgf::SVGF;
 use crate::error::whole;
-use crate::kernels::judge::{choice, innovation};
+use crate::kernels::judge::innovation;
 use crate::kernels::merge::accumulate;
 use crate::kernels::smooth::{atrous, fireflies, joint_bilateral, lend};
 use crate::pipelines::svgf;
@@ -35,8 +35,9 @@ use crate::pipelines::svgf;
 ///     As in `SVGF`.
 /// reflections : sequence of float, default (0.4, 1.2)
 ///     As in `SVGF`.
-/// choice : bool, default False
-///     As in `SVGF`. It helps in most scenes; highlights that few samples hit can get worse.
+/// choice : bool, optional
+///     As in `SVGF`. By default in frames without albedo alone: with it, most scenes gain little, and highlights that
+///     few samples hit can get worse.
 /// innovation : bool, default True
 ///     As in `SVGF`.
 /// antialias : bool, default True
@@ -84,10 +85,10 @@ pub struct HalfRes;
 impl HalfRes {
     #[new]
     #[pyo3(signature = (*, alpha=0.2, weight=0.1, radius=2, iterations=4, sigma_luminance=4.0,
-        by_confidence=false, fireflies=false, reflections=vec![0.4, 1.2], choice=false, innovation=true, antialias=true))]
+        by_confidence=false, fireflies=false, reflections=vec![0.4, 1.2], choice=None, innovation=true, antialias=true))]
     #[pyo3(
         text_signature = "(*, alpha=0.2, weight=0.1, radius=2, iterations=4, sigma_luminance=4.0, \
-        by_confidence=False, fireflies=False, reflections=(0.4, 1.2), choice=False, innovation=True, antialias=True)"
+        by_confidence=False, fireflies=False, reflections=(0.4, 1.2), choice=None, innovation=True, antialias=True)"
     )]
     fn new(
         alpha: f32,
@@ -98,7 +99,7 @@ impl HalfRes {
         by_confidence: bool,
         fireflies: bool,
         reflections: Vec<f32>,
-        choice: bool,
+        choice: Option<bool>,
         innovation: bool,
         antialias: bool,
     ) -> PyResult<PyClassInitializer<Self>> {
@@ -120,7 +121,8 @@ impl HalfRes {
             by_confidence,
             fireflies: fireflies.then(fireflies::Params::default),
             reflections,
-            choice: choice.then(choice::Params::default),
+            choice: whole.choice.filter(|_| choice != Some(false)),
+            choice_with_albedo: choice == Some(true),
             innovation: innovation.then(innovation::Params::default),
             antialias: whole.antialias.filter(|_| antialias),
             ..whole

@@ -246,6 +246,7 @@ impl SVGF {
             gradient: gradient.then_some(svgf::ESTIMATED_GRADIENT),
             fireflies: fireflies.then(fireflies::Params::default),
             choice: choice.then(choice::Params::default),
+            choice_with_albedo: true,
             innovation: innovation.then(innovation::Params::default),
             reflections,
             antialias: antialias.then_some(taa::Params {

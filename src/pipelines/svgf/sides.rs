@@ -25,6 +25,9 @@ use crate::rows::{self, Kernel, Simd};
 /// A prediction from fewer samples is not used: guided by its luminance, the filter would keep its noise. Not a whole number,
 /// so that rounding of resampled lengths does not decide.
 const FEWEST: f32 = 2.5;
+/// The same where a part of the pixels is traced. There, few histories are longer in the first ten frames, and to choose too
+/// late costs more than noisy guides.
+const FEWEST_OF_A_PART: f32 = 0.9;
 /// Where the new sample lifts the mean above the prediction by more standard deviations of samples than this, the prediction is
 /// not used: the outlier keeps its own luminance, by which the filter does not spread it to its neighbours.
 const MOST: f32 = 1.5;
@@ -56,6 +59,10 @@ pub fn join(
     let kernel = Join {
         size,
         expected: recalled.map(Expected::new),
+        fewest: match now.params.lend {
+            Some(_) => FEWEST_OF_A_PART,
+            None => FEWEST,
+        },
         longest: 1.0 / now.accumulate.alpha - 1.0,
         history: history.pixels(),
         later: later.map(|later| (later, black(exposure(history.pixels().part(0..3))))),
@@ -157,6 +164,8 @@ struct Join<'a> {
     size: Size,
     /// None where nothing is known of earlier frames.
     expected: Option<Expected<'a>>,
+    /// Samples that a prediction is made of at least.
+    fewest: f32,
     /// Samples that a history counts for at most.
     longest: f32,
     history: Pixels<'a>,
@@ -166,7 +175,7 @@ struct Join<'a> {
 
 /// The luminance that is expected; NaN where that is not worth enough samples, or the new one is an outlier.
 #[inline(always)]
-fn predict(expected: &[Row; CHANNELS], merged: &[Row; CHANNELS]) -> Row {
+fn predict(fewest: f32, expected: &[Row; CHANNELS], merged: &[Row; CHANNELS]) -> Row {
     let of = |[r, g, b, ..]: &[Row; CHANNELS], x: usize| luminance(r[x], g[x], b[x]);
     let [.., first, second, length] = expected;
     let mut predicted = [0.0; SEGMENT];
@@ -175,7 +184,7 @@ fn predict(expected: &[Row; CHANNELS], merged: &[Row; CHANNELS]) -> Row {
         let deviation = larger(second[x] - first[x] * first[x], 0.0).sqrt();
         // A thousandth, as in the filter, so that rounding does not decide where there is no noise.
         let most = MOST * deviation + 1e-3 * l.abs();
-        let usable = (length[x] >= FEWEST) & (of(merged, x) - l <= most);
+        let usable = (length[x] >= fewest) & (of(merged, x) - l <= most);
         *predicted = if usable { l } else { f32::NAN };
     }
     predicted
@@ -228,7 +237,7 @@ impl<'a> Kernel for Join<'a> {
                 out.length.put(run, &history[5]);
             }
             if let Some(out) = &mut out.prediction {
-                out.put(run, &predict(&expected, &history));
+                out.put(run, &predict(self.fewest, &expected, &history));
             }
         }
     }

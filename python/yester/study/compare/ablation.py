@@ -91,14 +91,8 @@ _TAA = Method("TAA", "TAA", pipeline(TAA), default=True)
 #: What SVGF with another output stage is compared with.
 _APART = Method("SVGF, output stage apart", "SVGF", _antialiased())
 
-#: Other pipelines with innovation, and their counterparts without.
-_CORRECTED = {
-    Method("BMFR", "BMFR", pipeline(BMFR), default=True): pipeline(BMFR, innovation=False),
-    Method("HalfRes", "HalfRes", on_part(quarter, pipeline(HalfRes)), default=True): on_part(
-        quarter, pipeline(HalfRes, innovation=False)
-    ),
-}
-
+_BMFR = Method("BMFR", "BMFR", pipeline(BMFR), default=True)
+_HALF_RES = Method("HalfRes", "HalfRes", on_part(quarter, pipeline(HalfRes)), default=True)
 _RECIRCULATION = Method("Recirculation", "Recirculation", on_part(quarter, pipeline(Recirculation)), default=True)
 
 _NO_DEPTH_TEST: dict[str, Any] = {"relative_depth": _ENDLESS, "plane_distance": _ENDLESS}
@@ -186,7 +180,9 @@ ABLATIONS = (
     _stage("albedo test of the output stage", added=True, relative_albedo=0.1),
     _stage("hull of 26 planes", added=True, box="hull", response="current"),
     _stage("exact hull", added=True, box="exact-hull", response="current"),
-    *(_ablation(whole, "innovation", run) for whole, run in _CORRECTED.items()),
+    _ablation(_BMFR, "innovation", pipeline(BMFR, innovation=False)),
+    _ablation(_HALF_RES, "innovation", on_part(quarter, pipeline(HalfRes, innovation=False))),
+    _ablation(_HALF_RES, "choice", on_part(quarter, pipeline(HalfRes, choice=False))),
     replace(
         _ablation(_RECIRCULATION, "innovation", on_part(quarter, pipeline(Recirculation, innovation=False))),
         needs_all=True,
