@@ -211,7 +211,7 @@ def _parser() -> argparse.ArgumentParser:
     option("--sigma-luminance", "scale of luminance differences, in standard deviations", type=float)
     option("--feedback", "use the first pass's output as history: less noise, more bias", action="store_true")
     option("--fireflies", "redistribute samples far brighter than their surroundings", action="store_true")
-    about = "choose the number of passes per tile by how well it predicts new samples; on by default, except in halfres"
+    about = "choose the number of passes per tile by how well it predicts; on by default, in halfres without albedo"
     option("--choice", about, action=argparse.BooleanOptionalAction)
     about = "add the error that new samples show to the result; on by default, except in taa"
     option("--innovation", about, action=argparse.BooleanOptionalAction)
