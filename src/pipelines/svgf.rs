@@ -208,8 +208,8 @@ impl Params {
                 ..ESTIMATED_GRADIENT
             }),
             reflections: vec![0.4, 1.2],
-            // Few pixels of a tile have a sample to judge by, and rare bright ones decide: with albedo, which leaves little to
-            // choose, that harms more than it helps.
+            // A tile of a partly traced frame has few samples to judge by, so that rare bright ones may decide. With albedo, most
+            // scenes gain too little by the choice to make up for the highlights that lose by this.
             choice: Some(choice::Params {
                 strictness: 1.0,
                 ..Default::default()

@@ -354,7 +354,7 @@ pub(super) fn average(evidence: Pixels, x: usize, y: usize, mean: &mut [f32]) {
     }
 }
 
-/// The evidence of the whole frame, as of one tile: in units of the costs themselves, so that every pixel counts as much.
+/// The evidence of the whole frame as if it were one tile, without the tiles' weights: every pixel counts the same.
 fn whole(evidence: Pixels) -> Vec<f32> {
     let mut sums = vec![0.0; evidence.channels];
     for tile in evidence.elements().0.chunks_exact(evidence.channels) {

@@ -48,7 +48,7 @@ pub struct Params {
     /// Luminance difference that counts as one, in standard deviations; > 0; 4.
     pub sigma_luminance: f32,
     /// Most standard deviation of one sample, in multiples of the light around it, where the numbers of samples are given;
-    /// > 0, +∞ included; 2.
+    /// > 0, +∞ included; 2.5.
     pub relative_noise: f32,
     /// How far surfaces may differ.
     pub sigmas: Sigmas,

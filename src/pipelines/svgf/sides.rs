@@ -25,8 +25,8 @@ use crate::rows::{self, Kernel, Simd};
 /// A prediction from fewer samples is not used: guided by its luminance, the filter would keep its noise. Not a whole number,
 /// so that rounding of resampled lengths does not decide.
 const FEWEST: f32 = 2.5;
-/// The same where a part of the pixels is traced. There, few histories are longer in the first ten frames, and to choose too
-/// late costs more than noisy guides.
+/// Fewest samples of a prediction in partly traced frames. With a quarter of the pixels traced, hardly any history reaches
+/// [`FEWEST`] in ten frames, and without albedo the passes of those frames blur texture: that costs more than a noisy guide.
 const FEWEST_OF_A_PART: f32 = 0.9;
 /// Where the new sample lifts the mean above the prediction by more standard deviations of samples than this, the prediction is
 /// not used: the outlier keeps its own luminance, by which the filter does not spread it to its neighbours.
