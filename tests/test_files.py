@@ -273,6 +273,20 @@ def test_gaps_and_duplicates_are_named():
     assert "the same frame number as a.1.exr" in told("a.1.exr", "a.01.exr")[0]
 
 
+def test_spellings_of_one_folder(tmp_path, monkeypatch, capsys):
+    """A shot whose files are named in several ways is one shot, in the order of its numbers."""
+    whole, mixed = tmp_path / "whole", tmp_path / "mixed"
+    short(tmp_path / "still")
+    run("denoise", tmp_path / "still", "-o", whole)
+    monkeypatch.chdir(tmp_path)
+    capsys.readouterr()
+    run(
+        "denoise", "still/a3.exr", tmp_path / "still" / "a1.exr", "whole/../still/a4.exr", "./still/a2.exr", "-o", mixed
+    )
+    assert "separate sequence" not in capsys.readouterr().err
+    assert contents(mixed) == contents(whole)
+
+
 # Renderers' sequences
 
 

@@ -648,8 +648,10 @@ def _files(inputs: Iterable[str]) -> list[Path]:
     from .io.shots import natural
 
     paths = sequence_paths(inputs)
-    folders = {folder: number for number, folder in enumerate(dict.fromkeys(path.parent for path in paths))}
-    return sorted(paths, key=lambda path: (folders[path.parent], natural(path)))
+    first: dict[str, int] = {}
+    for number, path in enumerate(paths):
+        first.setdefault(os.path.abspath(path.parent), number)
+    return sorted(paths, key=lambda path: (first[os.path.abspath(path.parent)], natural(path)))
 
 
 def _reading(options: argparse.Namespace) -> dict[str, Any]:

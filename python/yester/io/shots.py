@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Sequence
 from itertools import pairwise
@@ -13,7 +14,7 @@ _NUMBER = re.compile(r"((?:(?<![^\W_])-)?\d+)")
 
 def natural(path: Path) -> list[tuple[int, str]]:
     """Key for natural sorting: numbers compare as such."""
-    return [(int(piece) if i % 2 else -1, piece) for i, piece in enumerate(_NUMBER.split(str(path)))]
+    return [(int(piece) if i % 2 else -1, piece) for i, piece in enumerate(_NUMBER.split(_spelled(path)))]
 
 
 def breaks(paths: Sequence[Path]) -> dict[int, str]:
@@ -65,4 +66,9 @@ def breaks(paths: Sequence[Path]) -> dict[int, str]:
 
 def _pieces(path: Path) -> list[str]:
     """Text and numbers in turn. A number with more zeros in front is the same."""
-    return [str(int(piece)) if i % 2 else piece for i, piece in enumerate(_NUMBER.split(str(path)))]
+    return [str(int(piece)) if i % 2 else piece for i, piece in enumerate(_NUMBER.split(_spelled(path)))]
+
+
+def _spelled(path: Path) -> str:
+    """The one spelling of a path, which users may give as ``a/1.exr``, ``b/../a/1.exr`` or from the root."""
+    return os.path.abspath(path)
