@@ -80,12 +80,12 @@ def test_ids_out_of_range(ids):
 
 
 def test_subclasses_of_arrays():
-    """A matrix multiplies in another way, and a mask would be ignored."""
+    """A matrix multiplies in another way."""
     color, depth = np.ones((4, 5, 3), np.float32), np.ones((4, 5), np.float32)
     frame = yester.Frame(color, depth=depth.view(np.matrix))
     assert type(frame.depth) is np.ndarray
     assert np.shares_memory(frame.depth, depth)
-    with pytest.raises(TypeError, match=r"^color: expected an array without a mask"):
+    with pytest.raises(TypeError, match=r"^color: expected an array without a mask, got a masked one"):
         yester.Frame(np.ma.masked_greater(color, 2))
 
 

@@ -148,6 +148,12 @@ def test_empty(name, cut):
 
 
 @each_image
+def test_masks_would_be_ignored(name, argument):
+    value = np.ma.masked_equal(CALLS[name][1][argument], 0)
+    refused(name, TypeError, f"^{argument}: expected an array without a mask", **{argument: value})
+
+
+@each_image
 def test_not_arrays(name, argument):
     for value in ("text", object(), {"a": 1}):
         refused(name, TypeError, argument, **{argument: value})

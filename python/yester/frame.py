@@ -151,8 +151,6 @@ class Frame:
         size = None
         for name, value in given.items():
             array = None
-            if isinstance(value, np.ma.MaskedArray):
-                raise TypeError(f"{name}: expected an array without a mask: x.filled(nan) marks what is missing")
             if value is not None or name == "color":
                 # Not one of numpy's subclasses, which index and multiply in other ways.
                 array = np.asarray(canonical(shared(value, name), name, size))

@@ -6,7 +6,7 @@ use std::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 
 use numpy::{
-    Element, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyReadwriteArrayDyn,
+    Element, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyReadwriteArrayDyn, PyUntypedArray,
     PyUntypedArrayMethods,
 };
 use pyo3::exceptions::{PyMemoryError, PyTypeError, PyValueError};
@@ -209,6 +209,7 @@ pub fn array<'py, T: Number>(
     value: &Bound<'py, PyAny>,
     name: &str,
 ) -> PyResult<PyReadonlyArrayDyn<'py, T>> {
+    refuse_mask(value, name)?;
     if let Ok(array) = value.cast::<PyArrayDyn<T>>()
         && array.is_c_contiguous()
         && let Ok(readonly) = array.try_readonly()
@@ -227,6 +228,22 @@ pub fn array<'py, T: Number>(
         .cast::<PyArrayDyn<T>>()
         .map_err(PyErr::from)?
         .try_readonly()?)
+}
+
+/// An error if a masked array is given: its data would be taken for valid everywhere.
+pub fn refuse_mask(value: &Bound<'_, PyAny>, name: &str) -> PyResult<()> {
+    if value.is_exact_instance_of::<PyUntypedArray>() {
+        return Ok(());
+    }
+    let masked = value.py().import("numpy.ma")?.getattr("MaskedArray")?;
+    match value.is_instance(&masked)? {
+        true => Err(wrong_type(
+            name,
+            "an array without a mask",
+            "a masked one: x.filled(nan) marks what is missing",
+        )),
+        false => Ok(()),
+    }
 }
 
 /// The error for an argument that numpy cannot read: tensors on another device, or of a type that numpy lacks.

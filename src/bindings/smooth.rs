@@ -4,7 +4,9 @@ use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
-use super::arrays::{COLOR, Channels, Direct, Input, Out, Outgoing, detached, parts, wrong_type};
+use super::arrays::{
+    COLOR, Channels, Direct, Input, Out, Outgoing, detached, parts, refuse_mask, wrong_type,
+};
 use crate::image::Size;
 use crate::kernels::fetch::validate::Surface;
 use crate::kernels::smooth::demodulate::{self, Texture, Way};
@@ -604,6 +606,7 @@ fn modulate<'py>(
 
 /// An array of booleans, as the bytes that it consists of.
 fn bytes<'py>(mask: &Bound<'py, PyAny>, name: &str) -> PyResult<Bound<'py, PyAny>> {
+    refuse_mask(mask, name)?;
     let mask = (mask.py().import("numpy")?).call_method1("asarray", (mask,))?;
     let dtype = mask.getattr("dtype")?;
     if dtype.getattr("kind")?.extract::<String>()? != "b" {
