@@ -49,15 +49,15 @@ def test_plans_through_a_door(recordings):
 
 def test_the_table_of_plans():
     nothing, less = dict.fromkeys(("psnr", "relmse", "flip"), 0.0), {"psnr": 0.2, "relmse": -0.04, "flip": 0.01}
-    shorter = yester.Plan({"iterations": 2}, stages=(Stage("pass 3", False, 0.0, 0.0, 1.0),))
+    simpler = yester.Plan({"choice": False}, stages=(Stage("choice", False, 0.0, 0.0, 1.0),))
     found = [
-        judging.Worth("one", "no ids", shorter, less, nothing),
+        judging.Worth("one", "no ids", simpler, less, nothing),
         judging.Worth("two", "no ids", yester.Plan(), nothing, nothing),
     ]
     head, row, _, left = judging.table(found).splitlines()
     assert head.split("  ")[-1].strip() == "flip, both sides"
     assert " ".join(row.split()).startswith("no ids 1 +0.10 dB (+0.00 dB) -2.0 % (-4.0 %) +0.5 % (+0.0 %) +0.00 dB")
-    assert left == "no ids, without pass 3: one"
+    assert left == "no ids, without choice: one"
 
 
 def test_passes_that_pixels_show(recordings):

@@ -381,13 +381,12 @@ def plan(frames: Iterable[Frame], *, count: int = PLANNED) -> Plan:
     """Find out what a sequence needs from its first frames: which stages of `SVGF`, and which buffers.
 
     `SVGF` runs over these frames as it is by default, and without each stage and buffer in turn. New samples judge
-    the results (``yester.study.predictive_error``). The third pass of the filter is left out if the result is
-    estimated to be no worse without it, and even at two standard errors worse by at most 5 % of its change from
-    frame to frame, about 1 % of its relMSE. The choice of passes and buffers are left out only if the result is
-    better without, at two standard errors: by 5 % of that change, and for buffers by 12.5 %, or 50 % if they are
-    worth most at edges (depth, normals, ids, camera). Gradient, innovation and reflections are judged but always
-    used: they are there for what the first frames may not show. The combination is judged once more. Without
-    evidence, everything is used.
+    the results (``yester.study.predictive_error``). The choice of passes and buffers are left out only if the result is
+    better without, at two standard errors: by 5 % of its change from frame to frame, about 1 % of its relMSE, and for
+    buffers by 12.5 %, or 50 % if they are worth most at edges (depth, normals, ids, camera). Gradient, innovation and
+    reflections are judged but always used: they are there for what the first frames may not show. The combination is
+    judged once more. Without evidence, everything is used. How many passes filter a tile is no part of a plan, since
+    `SVGF` chooses that itself, frame by frame.
 
     If camera and scene stand still and the light is constant, all samples are averaged as long as nothing moves
     (``average_still=True``), unless that is significantly worse.
@@ -526,7 +525,6 @@ class _Planning:
             ],
             [
                 _Trial("choice", {"choice": False}, (), -_MARGIN),
-                _Trial("pass 3", {"iterations": 2}),
                 _Trial("gradient", {"gradient": False}, (), -np.inf),
                 _Trial("innovation", {"innovation": False}, (), -np.inf),
             ],
