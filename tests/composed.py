@@ -16,9 +16,9 @@ TILE = 16
 PERIOD, TRIED = 16, 2
 
 
-def sequence(count: int, *, moving=True, size=(61, 43), holes=True) -> list[dict]:
+def sequence(count: int, *, moving=True, size=(61, 43), holes=True, seed=7) -> list[dict]:
     """Noisy frames with every buffer, exact motion, some samples missing; emission on the box; changes of light."""
-    rng = np.random.default_rng(7)
+    rng = np.random.default_rng(seed)
     offsets = yester.jitter(count)
     frames, last = [], None
     for number in range(count):
@@ -138,7 +138,15 @@ class Mixing:
         )
 
     def mix(
-        self, samples: NDArray, denoised: NDArray, motion: NDArray, shown: NDArray, *, repeats: bool, aliased: bool
+        self,
+        samples: NDArray,
+        denoised: NDArray,
+        motion: NDArray,
+        shown: NDArray,
+        *,
+        exposure: float,
+        repeats: bool,
+        aliased: bool,
     ) -> NDArray:
         if repeats:
             self.__init__()
@@ -147,10 +155,9 @@ class Mixing:
         if self.rest > 0:
             self.rest -= 1
             return shown
-        bright = np.float32(yester.exposure(shown))
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
             # No sample counts for more than eight times the result; as much as three times the result is shown of it.
-            once = np.maximum(luminance(shown), np.float32(0)) + bright / np.float32(16)
+            once = np.maximum(luminance(shown), np.float32(0)) + np.float32(exposure) / np.float32(16)
             held, samples = (at_most(samples, np.float32(times) * once) for times in (8, 3))
             shares, three = None, [held, denoised, shown]
             light = [luminance(image) for image in three]
@@ -169,7 +176,7 @@ class Mixing:
                 if self.samples_before is not None:
                     older, _ = fetch_known(self.samples_before, motion)
                     planes = np.dstack([light[0], fetched[..., 0], older, fetched[..., 1:]])
-                    self.evidence = yester.collocate(planes, self.evidence, exposure=float(bright))
+                    self.evidence = yester.collocate(planes, self.evidence, exposure=exposure)
                 self.samples_before = fetched[..., 0]
             self.luminances = np.dstack(light)
             if shares is None:
@@ -311,7 +318,7 @@ class TAA:
         self.history, confidence, rejection = merged
         shown, length = blacken(self.history[0]), self.history[1]
         if self.innovation and self.before is not None:
-            known = {"evidence": self.evidence, "motion": motion, "exposure": yester.exposure(shown)}
+            known = {"evidence": self.evidence, "motion": motion, "exposure": yester.exposure(color)}
             found, self.evidence = yester.innovation(frame.color, shown, length, **known, fed_back=False)
             shown = correct(shown, found)
         self.before = frame
@@ -613,7 +620,7 @@ class SVGF:
             elif self.gradient:
                 known = np.where((confidence > 0)[..., None], history[0], np.float32(np.nan))
                 looks = {"passes": self.passes, "widest": self.passes + 2}
-                gradient = yester.temporal_gradient(held, known, noise=float(2.5 * patience), **looks)
+                gradient = yester.temporal_gradient(held, known, noise=float(np.float32(2.4) * patience), **looks)
             if reflects:
                 planes = [self.mirrored.light, self.mirrored.scores]
                 (light, scores), lit = yester.reproject(planes, motion, **tests, **self.limits)
@@ -732,17 +739,17 @@ class SVGF:
                     self.mixing.scale(change)
         self.antialiased, _, _ = antialias(for_frame(stage, frame), before, color, motion, frame.depth, still)
         shown, length = blacken(self.antialiased[0]), self.antialiased[1]
+        exposure = yester.exposure(color)
         if self.innovation and before is not None:
-            known = {"evidence": self.lag, "motion": motion, "exposure": yester.exposure(shown)}
+            known = {"evidence": self.lag, "motion": motion, "exposure": exposure}
             found, self.lag = yester.innovation(frame.color, shown, length, **known, strictness=12, share=0.7)
             self.antialiased[0] = correct(self.antialiased[0], found)
             shown = correct(shown, found)
         if not stage["choice"]:
             return shown
         self.mixing = self.mixing or Mixing()
-        return self.mixing.mix(
-            frame.color, color, motion, shown, repeats=self.repeats, aliased=frame.jitter is not None
-        )
+        about = {"exposure": exposure, "repeats": self.repeats, "aliased": frame.jitter is not None}
+        return self.mixing.mix(frame.color, color, motion, shown, **about)
 
     def choose(self, series: list, prediction, sample, motion, coverage, length, bright: float) -> tuple:
         """Select per tile from images and variances after 0, 1, 2 … passes: image, variance, and number of passes."""

@@ -34,7 +34,7 @@ def check(color, previous, **named):
     seed=st.integers(0, 2**32),
     size=st.tuples(st.integers(1, 40), st.integers(1, 40)),
     noise=st.sampled_from([0.0, 0.5, 1.0, 3.0]),
-    passes=st.integers(0, 8),
+    passes=st.integers(1, 8),
     wider=st.integers(0, 3),
     holes=st.sampled_from([0.0, 0.05, 0.8]),
 )
@@ -66,7 +66,7 @@ def test_the_same_light_has_no_gradient(noise):
     np.testing.assert_array_equal(yester.temporal_gradient(color, color, noise=noise), 0)
 
 
-@pytest.mark.parametrize("passes", [0, 1, 3, 8])
+@pytest.mark.parametrize("passes", [1, 2, 3, 8])
 def test_half_the_light_is_a_half(passes):
     """For any texture; bit for bit, as all sums halve."""
     color, _ = images(np.random.default_rng(0), 30, 31, holes=0.1)
@@ -80,7 +80,7 @@ def test_half_the_light_is_a_half(passes):
 def test_noise_is_no_gradient():
     """Frames of equal mean rarely differ by three standard errors, and hardly more; a margin of 0 shows all noise."""
     rng = np.random.default_rng(0)
-    color, previous = (compare.colors(rng, 256, 256, holes=0.0) for _ in range(2))
+    color, previous = (compare.colors(rng, 640, 640, holes=0.0) for _ in range(2))
     got = yester.temporal_gradient(color, previous, noise=3.0)
     assert (got > 0).mean() < 0.01
     assert got.mean() < 1e-3
@@ -138,8 +138,8 @@ def test_missing_pixels():
     color[holes] = np.nan
     got = check(color, previous, noise=0.0, passes=2, widest=2)
     assert np.isfinite(got).all()
-    assert not got[:, :9].any()
-    assert got[:, 9:].all()
+    assert not got[:, :10].any()
+    assert got[:, 10:].all()
     other = previous.copy()
     other[holes, 1] = -np.inf
     assert_same_bits(yester.temporal_gradient(color, other, noise=0.0, passes=2, widest=2), got)
@@ -147,7 +147,7 @@ def test_missing_pixels():
 
 def test_bad_input():
     image = np.ones((4, 5, 3), np.float32)
-    for name, values in {"noise": (-1, np.nan, np.inf), "passes": (-1, 9), "widest": (-1, 2, 9)}.items():
+    for name, values in {"noise": (-1, np.nan, np.inf), "passes": (-1, 0, 9), "widest": (-1, 2, 9)}.items():
         for value in values:
             with pytest.raises(ValueError, match=name):
                 yester.temporal_gradient(image, image, **{name: value})

@@ -578,10 +578,10 @@ pub fn alternation_<'py>(
 /// noise : float, default 2.0
 ///     Standard errors of the local mean that are attributed to noise; at least 0.
 /// passes : int, default 3
-///     Passes of the smallest blur, 0 to 8; its radius is 2^passes - 1 pixels.
+///     Passes of the smallest blur, 1 to 8; its radius is about 2^passes - 1 pixels.
 /// widest : int, default 3
 ///     Passes of the widest blur, `passes` to 8. Small blurs locate a change of light, wide ones detect changes that
-///     are small but extended; the largest gradient counts. `SVGF` estimates with 5, and ``noise=2.5``.
+///     are small but extended; the largest gradient counts. `SVGF` estimates with 5, and ``noise=2.4``.
 /// out : (H, W) float32 array, optional
 ///     Written and returned instead of a new array; it may be an input.
 ///
@@ -602,9 +602,10 @@ pub fn alternation_<'py>(
 ///
 /// Notes
 /// -----
-/// With the difference of luminances δ and the larger of them m, blurred means ⟨·⟩ over {1, 2, 1}/4 kernels at steps of
-/// 1, 2, 4, …, and the standard error s of ⟨δ⟩: ``clamp((|⟨δ⟩| - noise s) / ⟨m⟩, 0, 1)``. The original (Schied et al.
-/// [1]_) has exact gradients and no margin for noise.
+/// With the difference of luminances δ and the larger of them m, blurred means ⟨·⟩, and the standard error s of ⟨δ⟩:
+/// ``clamp((|⟨δ⟩| - noise s) / ⟨m⟩, 0, 1)``. The first pass averages cells of 2×2 pixels, whose pixels all get their
+/// gradient; the others blur cells by {1, 2, 1}/4 kernels at steps of 1, 2, 4, … cells. The original (Schied et al.
+/// [1]_) has cells of 3×3, exact gradients, and no margin for noise.
 ///
 /// References
 /// ----------

@@ -381,7 +381,7 @@ proptest! {
         let exposure = draw.of(&EXPOSURES);
         finite(&written!(size, alternation::CHANNELS, |next| alternation::alternation(tame.pixels(), None, exposure, next)))?;
 
-        let params = gradient::Params { noise: draw.of(&FROM_0), passes: draw.of(&[0, 3]), widest: draw.of(&[3, 8]) };
+        let params = gradient::Params { noise: draw.of(&FROM_0), passes: draw.of(&[1, 3]), widest: draw.of(&[3, 8]) };
         let mut change = vec![f32::NAN; size.pixels()];
         gradient::temporal_gradient(color.pixels(), history.pixels(), None, params, &mut change);
         shares(&change)?;

@@ -278,7 +278,13 @@ fn has_unknown(motion: Pixels, geometry: Geometry) -> bool {
     runs.any(|run| {
         let start = run.y * width + run.x;
         let MotionRun { x, y, .. } = lanes.load(&motion, run);
-        (0..run.len).any(|i| is_unknown([x[i], y[i]], geometry, start + i))
+        // Where no motion is 0 or not finite, no geometry is looked up.
+        let suspect = |&x: &f32, &y: &f32| (x == 0.0) & (y == 0.0) | !(x - y).is_finite();
+        let suspects = x
+            .iter()
+            .zip(y)
+            .fold(false, |any, (x, y)| any | suspect(x, y));
+        suspects && (0..run.len).any(|i| is_unknown([x[i], y[i]], geometry, start + i))
     })
 }
 

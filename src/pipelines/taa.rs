@@ -125,12 +125,13 @@ impl Stage {
         if corrects {
             self.follow_light(frame.color, motion);
         }
-        let missing = self.step(params, color, motion, choice, out, tested);
+        let bright = exposure(color);
+        let missing = self.step(params.exposed(bright), color, motion, choice, out, tested);
         drop(still);
         let correction = corrects.then_some(AFTER_DENOISER);
-        self.correct(correction, frame.color, motion, shown);
+        self.correct(correction, frame.color, motion, bright, shown);
         let kind = [repeats, frame.jitter.is_some()];
-        self.mix(frame.color, color, motion, kind, shown);
+        self.mix(frame.color, color, motion, bright, kind, shown);
         missing
     }
 
@@ -173,7 +174,6 @@ impl Stage {
         let (tests, report) = tested.unzip();
         let tests = tests.unwrap_or_else(Tests::none);
 
-        let params = params.exposed(color);
         let dilation = (params.dilation()).filter(|_| params.gradient || params.alternation);
         let dilated = dilation.map(|dilation| dilate(motion, choice, dilation));
         let moved = dilated.as_ref().map_or(motion, Image::pixels);
@@ -224,12 +224,13 @@ impl Stage {
         samples: Pixels,
         denoised: Pixels,
         motion: Pixels,
+        exposure: f32,
         kind: [bool; 2],
         shown: &mut [f32],
     ) {
         if let Some(history) = self.history.as_mut().filter(|_| self.params.choice) {
             let seen = history.seen.take();
-            history.seen = Some(mix(seen, samples, denoised, motion, kind, shown));
+            history.seen = Some(mix(seen, samples, denoised, motion, exposure, kind, shown));
         }
     }
 
@@ -240,6 +241,7 @@ impl Stage {
         params: Option<innovation::Params>,
         fresh: Pixels,
         motion: Pixels,
+        exposure: f32,
         shown: &mut [f32],
     ) {
         let Some((params, history)) = params.zip(self.history.as_mut()) else {
@@ -251,8 +253,8 @@ impl Stage {
         let size = fresh.size;
         let color = Pixels::records(size, 3, shown);
         let length = history.merged.pixels().part(3..4);
-        let (bright, evidence) = (exposure(color), history.evidence.as_ref());
-        let (found, rest) = innovate(params, &fresh, &color, length, motion, bright, evidence);
+        let evidence = history.evidence.as_ref();
+        let (found, rest) = innovate(params, &fresh, &color, length, motion, exposure, evidence);
         let behind = (params.fed_back)
             .then(|| PixelsMut::bands(size, sweep::CHANNELS, history.merged.data_mut()));
         correct(&found, size, PixelsMut::bands(size, 3, shown), behind);
@@ -417,8 +419,10 @@ impl Taa {
                 let choice = Choice::of(depth.map(Pixels::plane), still.as_ref());
                 let out = PixelsMut::bands(size, 3, shown);
                 let params = params.of(frame);
+                let bright = params.exposure(color);
+                let params = params.exposed(bright);
                 let missing = (self.stage).step(params, color, motion, choice, out, tested);
-                (self.stage).correct(params.innovation, frame.color, motion, shown);
+                (self.stage).correct(params.innovation, frame.color, motion, bright, shown);
                 missing
             }
         };

@@ -13,8 +13,15 @@ def _smooth(plane: Tensor, step: int) -> Tensor:
     return plane
 
 
+def _cells(plane: Tensor) -> Tensor:
+    """Sums over 2×2 pixels, fewer at the last row and column of odd sizes."""
+    height, width = plane.shape
+    even = torch.nn.functional.pad(plane, (0, width % 2, 0, height % 2))
+    return even.unfold(0, 2, 2).unfold(1, 2, 2).sum((-1, -2))  # (⌈H/2⌉, ⌈W/2⌉)
+
+
 def _energy(passes: int) -> float:
-    """Sum of the squared weights of all passes together."""
+    """Sum of the squared weights of all blurs together."""
     kernel = np.ones(1)
     for i in range(passes):
         taps = np.zeros(2 * 2**i + 1)
@@ -28,15 +35,15 @@ def temporal_gradient(
 ) -> Tensor | tuple[Tensor, Tensor]:
     """The relative change of light: the smoothed signed difference, minus noise, divided by the larger light.
 
-    λ = (|D| - noise·√(V·K / Σw)) / M within [0, 1], with D, V mean and variance of l - l' under a binomial kernel whose
-    squared weights sum up to K, M the mean of max(|l|, |l'|).
-    Source: Schied et al. 2018 (A-SVGF), whose gradients are free of noise.
+    λ = (|D| - noise·√(V·K / Σw)) / M within [0, 1], with D, V mean and variance of l - l' under a binomial kernel over
+    cells of 2×2 pixels whose squared weights sum up to K, Σw the number of pixels, M the mean of max(|l|, |l'|).
+    Source: Schied et al. 2018 (A-SVGF), whose gradients are free of noise, in cells of 3×3.
 
     Parameters
     ----------
     color, previous : (H, W, 3)
     noise : standard errors that are subtracted
-    passes, widest : fewest and most à-trous passes; the largest gradient counts
+    passes, widest : fewest and most passes, the first of which sums cells; the largest gradient counts
     margin : also return the factor (H, W) by which the cancellation in the variance multiplies roundings
 
     Returns
@@ -46,17 +53,22 @@ def temporal_gradient(
     both = (color.isfinite() & previous.isfinite()).all(-1)  # (H, W)
     now, before = (luminance(image.where(both[..., None], 0)) for image in (color, previous))  # (H, W), (H, W)
     change = now - before  # (H, W)
-    planes = [both.to(now), change, change**2, torch.maximum(now.abs(), before.abs())]  # 4 of (H, W)
-    gradient, margins = torch.zeros_like(now), torch.ones_like(now)  # (H, W), (H, W)
-    for i in range(widest + 1):
-        if i >= passes:
-            weight = planes[0]  # (H, W)
-            mean, square, size = (plane / weight for plane in planes[1:])  # (H, W) each
-            variance = (square - mean**2).clamp(min=0)  # (H, W)
-            error = noise * (variance * _energy(i) / weight).sqrt()  # (H, W)
-            found = torch.where((weight > 0) & (size > 0), (mean.abs() - error) / size, 0).clamp(0, 1)  # (H, W)
-            gradient = gradient.maximum(found)  # (H, W)
-            rounded = noise * ((variance + 1e-6 * square) * _energy(i) / weight).sqrt() - error  # (H, W)
-            margins = margins.maximum(1 + (1e5 * rounded / size).nan_to_num(0, 0, 0))  # (H, W)
+    pixels = [both.to(now), change, change**2, torch.maximum(now.abs(), before.abs())]  # 4 of (H, W)
+    planes = [_cells(plane) for plane in pixels]  # 4 of (⌈H/2⌉, ⌈W/2⌉), as all that follow
+    gradient, margins = torch.zeros_like(planes[0]), torch.ones_like(planes[0])
+    for i in range(widest):
+        if i + 1 >= passes:
+            weight = planes[0]
+            mean, square, size = (plane / weight for plane in planes[1:])
+            variance = (square - mean**2).clamp(min=0)
+            error = noise * (variance * _energy(i) / weight).sqrt()
+            found = torch.where((weight > 0) & (size > 0), (mean.abs() - error) / size, 0).clamp(0, 1)
+            gradient = gradient.maximum(found)
+            rounded = noise * ((variance + 1e-6 * square) * _energy(i) / weight).sqrt() - error
+            margins = margins.maximum(1 + (1e5 * rounded / size).nan_to_num(0, 0, 0))
         planes = [_smooth(plane, 2**i) for plane in planes]
+    height, width = now.shape
+    gradient, margins = (
+        cells.repeat_interleave(2, 0).repeat_interleave(2, 1)[:height, :width] for cells in (gradient, margins)
+    )  # (H, W), (H, W)
     return (gradient, margins) if margin else gradient

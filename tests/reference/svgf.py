@@ -157,7 +157,7 @@ class SVGF:
             elif self.gradient:
                 known = history[0].where((confidence > 0)[..., None], torch.nan)  # (H, W, 3)
                 looks = {"passes": self.passes, "widest": self.passes + 2}
-                gradient = temporal_gradient(light, known, noise=2.5, **looks)  # (H, W)
+                gradient = temporal_gradient(light, known, noise=2.4, **looks)  # (H, W)
 
         guides = frame.normal, frame.ids  # (H, W, 3), (H, W)
         if incoherent is not None:
@@ -230,11 +230,12 @@ class SVGF:
         stage = for_frame(stage, frame)
         (color, length), *_ = antialias(stage, before, smooth, motion, frame.depth, still)  # (H, W, 3), (H, W)
         shown = color.where(color.isfinite(), 0)  # (H, W, 3)
+        bright = exposure(smooth)
         if self.innovation and before is not None:
             known = {
                 "evidence": self.lag,
                 "motion": motion,
-                "exposure": exposure(shown),
+                "exposure": bright,
                 "strictness": 12,
                 "share": 0.7,
             }
@@ -243,7 +244,8 @@ class SVGF:
         self.antialiased = [color, length]
         if not stage["choice"]:
             return shown
-        kind = {"repeats": self.repeats, "aliased": getattr(frame, "jitter", None) is not None}
+        aliased = getattr(frame, "jitter", None) is not None
+        kind = {"exposure": float(bright), "repeats": self.repeats, "aliased": aliased}
         return self.mixing.mix(frame.color, smooth, motion, shown, **kind)
 
     def fill(self, light: Tensor, length: Tensor, similarity: dict) -> tuple[Tensor, Tensor | None]:

@@ -81,6 +81,7 @@ BEST = TEXTBOOK | {
 }
 DENOISED = BEST | {
     "dilate_movers": False,
+    "filter": "catmull-rom-5",
     "gamma": 0.75,
     "response": "center",
     "alpha": 0.1,
@@ -263,7 +264,15 @@ class Mixing:
             self.samples_before = self.samples_before * change  # (H, W)
 
     def mix(
-        self, samples: Tensor, denoised: Tensor, motion: Tensor, shown: Tensor, *, repeats: bool, aliased: bool
+        self,
+        samples: Tensor,
+        denoised: Tensor,
+        motion: Tensor,
+        shown: Tensor,
+        *,
+        exposure: float,
+        repeats: bool,
+        aliased: bool,
     ) -> Tensor:
         """The mixture (H, W, 3), of samples, denoised colour and result (H, W, 3 each); the result if noise repeats."""
         if repeats:
@@ -275,7 +284,7 @@ class Mixing:
             return shown
         # No sample counts for more than eight times the result, or is shown as more than three times.
         bright = luminance(samples)  # (H, W)
-        once = luminance(shown).clamp(min=0) + exposure(shown) / 16  # (H, W)
+        once = luminance(shown).clamp(min=0) + exposure / 16  # (H, W)
         held, samples = (
             samples * torch.where(bright > times * once, times * once / bright, 1)[..., None] for times in (8, 3)
         )  # (H, W, 3) twice
@@ -299,7 +308,7 @@ class Mixing:
             if self.samples_before is not None:
                 (older,), _ = fetch_all([self.samples_before], motion)  # (H, W)
                 planes = torch.stack([light[0], before, older, smooth, result], -1)  # (H, W, 5)
-                self.evidence = collocate(planes, self.evidence, exposure=exposure(shown))
+                self.evidence = collocate(planes, self.evidence, exposure=exposure)
             self.samples_before = before
         self.luminances = light
         if shares is None:
@@ -410,7 +419,7 @@ class TAA:
         self.history, confidence, rejection = merged
         shown, length = self.history[0].nan_to_num(0, 0, 0), self.history[1]  # (H, W, 3), (H, W)
         if self.innovation and self.before is not None:
-            known = {"evidence": self.evidence, "motion": motion, "exposure": exposure(shown)}
+            known = {"evidence": self.evidence, "motion": motion, "exposure": exposure(color)}
             found, self.evidence = innovation(frame.color, shown, length, **known, fed_back=False)  # and (h, w, 4)
             shown, _ = correct(shown, found)  # (H, W, 3)
         self.before = frame

@@ -1,22 +1,23 @@
 //! The temporal gradient: how far the light of a neighbourhood has changed, beyond what noise explains.
 //!
 //! For two images of the same pixels, δ = l − l′ is the difference of luminances and m = max(|l|, |l′|) the larger. Both,
-//! and δ², are blurred by passes of {1, 2, 1}/4 ⊗ {1, 2, 1}/4 at steps of 1, 2, 4, …, over the pixels that both images
-//! have (their share is w). Then, with the mean D = Σδ/w, the variance of δ, V = Σδ²/w − D², and K the sum of squares of
-//! the composed kernel,
+//! and δ², are summed over the pixels that both images have; w is their number. The first pass sums cells of 2×2 pixels,
+//! the others blur these by {1, 2, 1}/4 ⊗ {1, 2, 1}/4 at steps of 1, 2, 4, … cells. Then, with the mean D = Σδ/w, the
+//! variance of δ, V = Σδ²/w − D², and K the sum of squares of the blurs' composed kernel,
 //!   λ = clamp((|D| − z √(V K / w)) w / Σm, 0, 1):
-//! the change relative to the larger light, where it exceeds z standard errors. δ keeps its sign while it is blurred, so
-//! that noise cancels (Schied, Peters and Dachsbacher 2018, *Gradient Estimation for Real-Time Adaptive Temporal
-//! Filtering*). Two renders with the same random numbers have the same noise, and z = 0 gives their exact gradient; for a
-//! new frame and a reprojected history the standard error keeps noise from counting as change. Small blurs tell where
-//! light has changed, wide ones see a change that is everywhere but small: of several, the largest λ counts.
+//! the change relative to the larger light, where it exceeds z standard errors. All pixels of a cell have its λ. δ keeps
+//! its sign while it is summed, so that noise cancels (Schied, Peters and Dachsbacher 2018, *Gradient Estimation for
+//! Real-Time Adaptive Temporal Filtering*, who sum cells of 3×3). Two renders with the same random numbers have the same
+//! noise, and z = 0 gives their exact gradient; for a new frame and a reprojected history the standard error keeps noise
+//! from counting as change. Small blurs tell where light has changed, wide ones see a change that is everywhere but small:
+//! of several, the largest λ counts.
 //!
 //! Inputs: two images (3). Output: λ (1) in [0, 1]; 0 where nothing is known.
 
 use std::ops::Range;
 
 use crate::error::{Result, Whole, finite_from_0, whole};
-use crate::image::{Pixels, Run, Size, View};
+use crate::image::{BandMut, Image, Pixels, Run, Size, View, bands_of};
 use crate::lanes::LANES;
 use crate::math::{is_present, larger, luminance, saturate};
 use crate::pixels::STRIP;
@@ -27,9 +28,9 @@ use crate::rows::{self, BAND, Kernel, Simd};
 pub struct Params {
     /// z: standard errors that count as noise; ≥ 0; 2.
     pub noise: f32,
-    /// Passes of the smallest blur; 0 to 8; 3.
+    /// Passes of the smallest sums; 1 to 8; 3.
     pub passes: u32,
-    /// Passes of the widest blur; `passes` to 8; 3.
+    /// Passes of the widest; `passes` to 8; 3.
     pub widest: u32,
 }
 
@@ -45,7 +46,7 @@ impl Default for Params {
 
 impl Params {
     pub(crate) fn passes(name: &str, value: impl Whole<u32>) -> Result<u32> {
-        whole(name, value, "0 to 8 passes", |&n| n <= 8)
+        whole(name, value, "1 to 8 passes", |n| (1..=8).contains(n))
     }
 
     /// An error if a parameter is out of range.
@@ -59,8 +60,10 @@ impl Params {
     }
 }
 
-/// w, δ, δ² and m of each pixel; all 0 where it is missing.
+/// w, δ, δ² and m of each pixel or cell; all 0 where it is missing.
 const CHANNELS: usize = 4;
+/// Pixels along each side of a cell.
+const CELL: usize = 2;
 
 /// Writes the gradient of each pixel. `previous` counts where the coverage is above 0, or everywhere without one.
 pub fn temporal_gradient(
@@ -71,24 +74,55 @@ pub fn temporal_gradient(
     gradient: &mut [f32],
 ) {
     let size = color.size;
+    let cells = Size {
+        height: size.height.div_ceil(CELL),
+        width: size.width.div_ceil(CELL),
+    };
+    let blurs = Params {
+        passes: params.passes - 1,
+        widest: params.widest - 1,
+        ..params
+    };
     let kernel = Gradient {
         color,
         previous,
         coverage,
-        params,
-        squares: (0..=params.widest).map(sum_of_squares).collect(),
+        cells,
+        blurs,
+        squares: (0..=blurs.widest).map(sum_of_squares).collect(),
     };
-    let bands = gradient.chunks_mut(BAND * size.width);
-    let jobs = rows::tall_jobs(size.height, reach(params.widest), bands);
+    let mut found = Image::blank(cells, 1);
+    let bands = found.data_mut().chunks_mut(BAND * cells.width);
+    let jobs = rows::tall_jobs(cells.height, reach(blurs.widest), bands);
     rows::run_jobs(&kernel, jobs);
+    rows::run(&Spread(found.view()), size.height, bands_of(gradient, size));
 }
 
-/// Radius in pixels of the blur after so many passes.
+/// Writes the gradient of each cell to its pixels.
+struct Spread<'a>(View<'a>);
+
+impl<'a> Kernel for Spread<'a> {
+    type Out = BandMut<'a>;
+
+    #[inline(always)]
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut gradient: BandMut<'a>) {
+        for y in rows {
+            let (pairs, last) = gradient.row(0, y).as_chunks_mut::<CELL>();
+            let (cells, beyond) = self.0.row(0, y / CELL).split_at(pairs.len());
+            for (pair, &cell) in pairs.iter_mut().zip(cells) {
+                *pair = [cell; CELL];
+            }
+            last.copy_from_slice(beyond);
+        }
+    }
+}
+
+/// Radius in cells after so many blurs.
 fn reach(passes: u32) -> usize {
     (1 << passes) - 1
 }
 
-/// Sum of the squared weights of the two-dimensional blur after so many passes: how much it reduces variance.
+/// Sum of the squared weights of so many blurs together: how much they reduce variance.
 fn sum_of_squares(passes: u32) -> f32 {
     let mut kernel = vec![1.0_f64];
     for pass in 0..passes {
@@ -109,18 +143,23 @@ struct Gradient<'a> {
     color: Pixels<'a>,
     previous: Pixels<'a>,
     coverage: Option<View<'a>>,
-    params: Params,
-    /// [`sum_of_squares`] after 0, 1, 2 … passes.
+    /// Size of the image of cells.
+    cells: Size,
+    /// The parameters, with the passes that blur cells.
+    blurs: Params,
+    /// [`sum_of_squares`] of 0, 1, 2 … blurs.
     squares: Vec<f32>,
 }
 
 /// A row of each channel.
 type Sums = [Vec<f32>; CHANNELS];
 
-/// Line buffers for a strip of columns. Every pass makes the strip narrower by its step on both sides.
+/// Line buffers for a strip of columns of cells. Every blur makes the strip narrower by its step on both sides.
 struct Strip {
     /// One row of the new and of the previous colours.
     colors: [Vec<f32>; 6],
+    /// The pixels' sums over the rows of a cell.
+    columns: Sums,
     sums: Sums,
     blurred: Sums,
     blurs: Vec<Blur>,
@@ -141,7 +180,8 @@ impl Strip {
         blurs.reverse();
         let row = || vec![0.0; length];
         Self {
-            colors: [(); 6].map(|()| row()),
+            colors: [(); 6].map(|()| vec![0.0; CELL * length]),
+            columns: [(); CHANNELS].map(|()| vec![0.0; CELL * length]),
             sums: [(); CHANNELS].map(|()| row()),
             blurred: [(); CHANNELS].map(|()| row()),
             blurs,
@@ -154,7 +194,7 @@ impl<'a> Kernel for Gradient<'a> {
 
     #[inline(always)]
     fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut gradient: Self::Out) {
-        let (width, widest) = (self.color.size.width, self.params.widest);
+        let (width, widest) = (self.cells.width, self.blurs.widest);
         let mut strip = Strip::new(width, widest);
         for left in (0..width).step_by(STRIP) {
             let columns = left..(left + STRIP).min(width);
@@ -177,8 +217,8 @@ impl Gradient<'_> {
         strip: &mut Strip,
         gradient: &mut [&mut [f32]],
     ) {
-        let Size { height, width } = self.color.size;
-        let Params { passes, widest, .. } = self.params;
+        let Size { height, width } = self.cells;
+        let Params { passes, widest, .. } = self.blurs;
         for pass in 0..=widest {
             // The halo that later passes still need on each side.
             let rest = reach(widest) - reach(pass);
@@ -212,39 +252,59 @@ impl Gradient<'_> {
         }
     }
 
-    /// Fills a row with w, δ, δ² and m.
+    /// Fills a row with the w, δ, δ² and m of its cells.
     #[inline(always)]
     fn compare(&self, y: usize, left: usize, strip: &mut Strip) {
-        let Strip { colors, sums, .. } = strip;
-        let reach = reach(self.params.widest);
-        let inside = inside(sums[0].len(), left, reach, self.color.size.width);
-        let run = Run {
-            y,
-            x: left + inside.start - reach,
-            len: inside.len(),
-        };
-        let [r, g, b, pr, pg, pb] = colors.each_mut().map(|row| &mut row[inside.clone()]);
-        self.color.read(run, [r, g, b]);
-        self.previous.read(run, [&mut *pr, pg, pb]);
+        let reach = reach(self.blurs.widest);
+        let inside = inside(strip.sums[0].len(), left, reach, self.cells.width);
+        let first = CELL * (left + inside.start - reach);
+        let width = (CELL * inside.len()).min(self.color.size.width - first);
+        let top = CELL * y;
+        for y in top..(top + CELL).min(self.color.size.height) {
+            let run = Run {
+                y,
+                x: first,
+                len: width,
+            };
+            self.add_pixels(run, y == top, strip);
+        }
+        for (cells, columns) in strip.sums.iter_mut().zip(&mut strip.columns) {
+            // The last cell of an odd width has one column.
+            columns[width..]
+                .iter_mut()
+                .take(CELL - 1)
+                .for_each(|v| *v = 0.0);
+            let columns = columns.as_chunks::<CELL>().0;
+            for (cell, [left, right]) in cells[inside.clone()].iter_mut().zip(columns) {
+                *cell = left + right;
+            }
+        }
+    }
+
+    /// Adds a row of pixels to its columns, or begins with it.
+    #[inline(always)]
+    fn add_pixels(&self, run: Run, begins: bool, strip: &mut Strip) {
+        let n = run.len;
+        let [r, g, b, pr, pg, pb] = strip.colors.each_mut().map(|row| &mut row[..n]);
+        self.color.read(run, [&mut *r, &mut *g, &mut *b]);
+        self.previous.read(run, [&mut *pr, &mut *pg, &mut *pb]);
         if let Some(coverage) = self.coverage {
-            let coverage = &coverage.row(0, y)[run.x..][..run.len];
+            let coverage = &coverage.row(0, run.y)[run.x..][..n];
             for (pr, &coverage) in pr.iter_mut().zip(coverage) {
                 *pr = if coverage > 0.0 { *pr } else { f32::NAN };
             }
         }
-        let [weight, delta, square, most] = sums.each_mut().map(Vec::as_mut_slice);
-        let n = weight.len();
-        let [r, g, b, pr, pg, pb] = colors.each_ref().map(|row| &row[..n]);
-        let (delta, square, most) = (&mut delta[..n], &mut square[..n], &mut most[..n]);
+        let [weight, delta, square, most] = strip.columns.each_mut().map(|row| &mut row[..n]);
         for x in 0..n {
             let known = is_present([r[x], g[x], b[x]]) & is_present([pr[x], pg[x], pb[x]]);
             let l = luminance(r[x], g[x], b[x]);
             let other = luminance(pr[x], pg[x], pb[x]);
             let keep = |v: f32| if known { v } else { 0.0 };
-            weight[x] = keep(1.0);
-            delta[x] = keep(l - other);
-            square[x] = keep((l - other) * (l - other));
-            most[x] = keep(larger(l.abs(), other.abs()));
+            let above = |sum: f32| if begins { 0.0 } else { sum };
+            weight[x] = above(weight[x]) + keep(1.0);
+            delta[x] = above(delta[x]) + keep(l - other);
+            square[x] = above(square[x]) + keep((l - other) * (l - other));
+            most[x] = above(most[x]) + keep(larger(l.abs(), other.abs()));
         }
     }
 
@@ -253,10 +313,10 @@ impl Gradient<'_> {
     fn raise(&self, pass: u32, rest: usize, sums: &Sums, gradient: &mut [f32]) {
         let n = gradient.len();
         let [weight, delta, square, most] = sums.each_ref().map(|sums| &sums[rest..][..n]);
-        if pass == self.params.passes {
+        if pass == self.blurs.passes {
             gradient.fill(0.0);
         }
-        let noise = self.params.noise;
+        let noise = self.blurs.noise;
         let squares = self.squares[pass as usize];
         for x in 0..n {
             // Numerator and denominator of the relative change are both scaled by the weight, which cancels.

@@ -28,7 +28,8 @@ use crate::image::{BandMut, Image, Pixels, SEGMENT, Size, View, segments};
 use crate::kernels::fetch::footprint::Filter;
 use crate::kernels::fetch::reproject::{self, Fetch};
 use crate::kernels::fetch::validate::Tests;
-use crate::math::{larger, luminance};
+use crate::lanes::LANES;
+use crate::math::{is_present, larger, luminance};
 use crate::pixels::{Colors, MotionLanes};
 use crate::rows::{self, Kernel, Simd};
 
@@ -131,20 +132,74 @@ impl Correlation {
 
 /// C − V.
 fn sticking(now: View, before: View) -> f32 {
-    let [mut lasting, mut below] = [Correlation::default(), Correlation::default()];
-    for y in (0..now.size.height).step_by(2) {
-        let rows = [now.row(0, y), before.row(0, y), now.row(0, y + 1)];
-        for x in 1..now.size.width {
-            let [own, last, next] = rows.map(|row| row[x - 1] - row[x]);
-            if own.is_finite() && last.is_finite() && next.is_finite() {
-                lasting.add(own, last);
-                below.add(own, next);
-            }
-        }
-    }
-    match lasting.pairs {
+    let height = now.size.height / 2;
+    let mut sums = Image::new(Size { height, width: 1 }, SUMS);
+    rows::run(&Products { now, before }, height, sums.bands());
+    let total = |channel: usize| -> f64 {
+        let rows = sums.plane(channel).iter();
+        rows.map(|&sum| f64::from(sum)).sum()
+    };
+    let pairs = total(0) as usize;
+    let [lasting, below] = [[1, 3], [2, 4]].map(|[product, square]| Correlation {
+        pairs,
+        product: total(product),
+        squares: [total(5), total(square)],
+    });
+    match pairs {
         FEWEST.. => lasting.value() - larger(below.value(), 0.0),
         _ => 0.0,
+    }
+}
+
+/// The number of pairs, δ δ′, δ δ↓, δ′², δ↓² and δ².
+const SUMS: usize = 6;
+
+/// Sums over every pair of rows.
+struct Products<'a> {
+    now: View<'a>,
+    before: View<'a>,
+}
+
+impl<'a> Kernel for Products<'a> {
+    type Out = BandMut<'a>;
+
+    #[inline(always)]
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut sums: BandMut<'a>) {
+        for row in rows {
+            let y = 2 * row;
+            let rows = [
+                self.now.row(0, y),
+                self.before.row(0, y),
+                self.now.row(0, y + 1),
+            ];
+            // One partial sum per lane: a single sum would be one chain of dependent additions.
+            let mut partial = [[0.0_f32; LANES]; SUMS];
+            let last = rows[0].len().saturating_sub(1);
+            for start in (0..last).step_by(LANES) {
+                // Beyond the last pair nothing is known.
+                let [own, lasting, below] = rows.map(|row| match row.get(start..=start + LANES) {
+                    Some(row) => std::array::from_fn(|i| row[i] - row[i + 1]),
+                    None => std::array::from_fn::<_, LANES, _>(|i| match row.get(start + i + 1) {
+                        Some(next) => row[start + i] - next,
+                        None => f32::NAN,
+                    }),
+                });
+                for i in 0..LANES {
+                    let known = is_present([own[i], lasting[i], below[i]]);
+                    let [own, lasting, below] =
+                        [own[i], lasting[i], below[i]].map(|v| if known { v } else { 0.0 });
+                    partial[0][i] += f32::from(u8::from(known));
+                    partial[1][i] += own * lasting;
+                    partial[2][i] += own * below;
+                    partial[3][i] += lasting * lasting;
+                    partial[4][i] += below * below;
+                    partial[5][i] += own * own;
+                }
+            }
+            for (channel, partial) in partial.iter().enumerate() {
+                sums.row(channel, row)[0] = partial.iter().sum();
+            }
+        }
     }
 }
 

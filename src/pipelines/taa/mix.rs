@@ -28,7 +28,6 @@ use crate::kernels::fetch::footprint::Filter;
 use crate::kernels::fetch::validate::Tests;
 use crate::kernels::judge::choice::Levels;
 use crate::kernels::judge::collocation::{self, Luminances, PLANES, SHARES, collocate};
-use crate::kernels::judge::exposure::exposure;
 use crate::math::{is_present, larger, luminance};
 use crate::pipelines::correction::scale;
 use crate::pixels::{Colors, Row};
@@ -88,6 +87,7 @@ pub fn mix(
     samples: Pixels,
     denoised: Pixels,
     motion: Pixels,
+    exposure: f32,
     [repeats, aliased]: [bool; 2],
     shown: &mut [f32],
 ) -> Seen {
@@ -106,10 +106,9 @@ pub fn mix(
             ..Seen::default()
         };
     }
-    let bright = exposure(Pixels::records(size, 3, shown));
     let held = Held {
         samples,
-        black: bright / 16.0,
+        black: exposure / 16.0,
     };
     let (mut shares, mut evidence, mut samples_before) = (None, None, None);
     if let Some(luminances) = before.luminances.take() {
@@ -137,7 +136,7 @@ pub fn mix(
                 older: older.view(),
             };
             let mut sums = left.unwrap_or_else(|| collocation::nothing(size));
-            collocate(&compared, bright, &mut sums);
+            collocate(&compared, exposure, &mut sums);
             evidence = Some(sums);
         }
         let before = Pixels::from(recent.channels(0..1)).to_planes();

@@ -248,9 +248,11 @@ impl Params {
     };
 
     /// Our own measurements' choice for denoised frames: the denoiser's errors stay in history, so it is kept for fewer frames.
+    /// There, sixteen taps gain nothing over the five.
     pub const DENOISED: Self = Self {
         dilate_movers: false,
         choice: true,
+        filter: Filter::Wide(Wide::CatmullRom5),
         clip: neighborhood::Params {
             gamma: 0.75,
             response: Response::Center,
@@ -301,14 +303,19 @@ impl Params {
         self.dilate.map(|window| dilate::Params { window, margin })
     }
 
-    /// The same with the exposure of a colour for tone curves and relative luminances, if there are any.
-    pub(super) fn exposed(mut self, color: Pixels) -> Self {
+    /// The exposure of a colour, if tone curves or relative luminances ask for it, else 1.
+    pub(super) fn exposure(&self, color: Pixels) -> f32 {
         let weighs = self.blend.weighting != Weighting::None || self.alternation;
         let follows = self.dilate.is_some() && !self.dilate_movers;
-        let bright = match self.clip.space.is_tone_mapped() || weighs || follows {
+        let tone_mapped = self.clip.space.is_tone_mapped();
+        match tone_mapped || weighs || follows || self.innovation.is_some() {
             true => exposure(color),
             false => 1.0,
-        };
+        }
+    }
+
+    /// The same at an exposure.
+    pub(super) fn exposed(mut self, bright: f32) -> Self {
         self.clip.exposure = bright;
         self.blend.exposure *= bright;
         self
