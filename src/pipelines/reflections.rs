@@ -72,14 +72,14 @@ pub struct Scores {
 
 impl Scores {
     pub fn new(size: Size, candidates: usize) -> Self {
-        Self::of(size, candidates, 0)
+        Self::of(Records::new(size, 2 * candidates), candidates, 0)
     }
 
-    fn of(size: Size, candidates: usize, age: usize) -> Self {
+    fn of(image: Records, candidates: usize, age: usize) -> Self {
         let tried = |row| age < TRIED || (age + TRIED * row) % PERIOD < TRIED;
         Self {
-            image: Records::new(size, 2 * candidates),
-            evaluated: vec![Tiles::rows(size, tried); candidates],
+            evaluated: vec![Tiles::rows(image.size, tried); candidates],
+            image,
             age,
         }
     }
@@ -170,10 +170,11 @@ pub fn choose(
     let (size, past) = (color.size, &memory.scores);
     let geometry = frame.geometry()?;
     let sources = Source::all(frame, distances)?;
-    let mut scores = Scores::of(size, distances.len(), past.age + 1);
+    let scores = |image| Scores::of(image, distances.len(), past.age + 1);
+    let channels = 2 * distances.len();
     if !past.evaluated.iter().any(Tiles::any) {
         return Some(Won {
-            scores,
+            scores: scores(Records::new(size, channels)),
             motion: None,
         });
     }
@@ -189,6 +190,7 @@ pub fn choose(
     };
     let evaluated = candidates.evaluate(memory, &own, color);
     let mut motion = own.motion.part(0..2).to_planes();
+    let mut scores = scores(Records::blank(size, channels));
     candidates.take_winners(
         evaluated,
         history,
@@ -512,6 +514,8 @@ impl<'a> Kernel for TakeWinners<'a> {
         let tiles = width.div_ceil(Tiles::SIDE);
         let mut any = vec![false; tiles];
         let mut certain = vec![vec![false; tiles]; candidates.sources.len()];
+        // Candidates that are not evaluated have no score.
+        out.scores.fill(0.0);
         for y in rows.step_by(ROWS) {
             let row = y / ROWS;
             let lines = y..(y + ROWS).min(height);
