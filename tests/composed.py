@@ -1140,7 +1140,7 @@ class Upscaler:
             history, samples = np.zeros_like(color), np.zeros(large, np.float32)
             lock, coverage, rejection = samples, samples, np.zeros(large, np.uint8)
         else:
-            fetched, coverage = yester.reproject(self.history, moved, filter="catmull-rom", fallback=False)
+            fetched, coverage = yester.reproject(self.history, moved, filter="catmull-rom-5", fallback=False)
             history, samples, lock = fetched
             rejection, _ = yester.consistency(moved)
         across = -jitter * large[::-1] / small[::-1]  # to the samples, in pixels of the history

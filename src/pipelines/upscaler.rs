@@ -65,7 +65,7 @@ const GRADIENT: gradient::Params = gradient::Params {
 };
 /// Luminances within this ratio belong to one thin feature.
 const SIMILARITY: f32 = 1.05;
-const FETCH: reproject::Params = reproject::Params::of(Filter::Wide(Wide::CatmullRom));
+const FETCH: reproject::Params = reproject::Params::of(Filter::Wide(Wide::CatmullRom5));
 
 impl Default for Params {
     fn default() -> Self {

@@ -72,7 +72,7 @@ FILAMENT = TEXTBOOK | {
 BEST = TEXTBOOK | {
     "dilate": "3x3",
     "dilate_margin": 0.1,
-    "filter": "catmull-rom",
+    "filter": "catmull-rom-5",
     "box": "variance",
     "space": "tonemapped-ycocg",
     "fast_alpha": 0.25,
@@ -81,7 +81,6 @@ BEST = TEXTBOOK | {
 }
 DENOISED = BEST | {
     "dilate_movers": False,
-    "filter": "catmull-rom-5",
     "gamma": 0.75,
     "response": "center",
     "alpha": 0.1,

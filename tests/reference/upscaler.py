@@ -66,7 +66,7 @@ class Upscaler:
         history, samples = torch.zeros_like(color), torch.zeros_like(weight)  # (h, w, 3), (h, w)
         lock, coverage, rejection = samples, samples, torch.zeros_like(samples, dtype=torch.uint8)  # (h, w) each
         if self.history is not None:
-            (history, samples, lock), coverage = reproject(self.history, moved, filter="catmull-rom", fallback=False)
+            (history, samples, lock), coverage = reproject(self.history, moved, filter="catmull-rom-5", fallback=False)
             rejection, _ = consistency(moved)  # (h, w)
         there, _ = resample(history, (height, width), offset=(-x * zoom_x, -y * zoom_y), filter="nearest")  # (H, W, 3)
         change = enlarge(temporal_gradient(frame.color, there, noise=2.2, passes=1, widest=1))  # (h, w)

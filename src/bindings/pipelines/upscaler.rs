@@ -49,7 +49,7 @@ use crate::pipelines::upscaler;
 /// -----
 /// Its parts follow AMD's FSR 2 [1]_. Each step consists of this package's functions and gives their bits:
 /// `dilate_motion`, `disocclusion`, `thin_features`, `resample` (colour by "lanczos-2", all else by "nearest"),
-/// `reproject` with "catmull-rom" and without tests, `temporal_gradient` between the new samples and the history at
+/// `reproject` with "catmull-rom-5" and without tests, `temporal_gradient` between the new samples and the history at
 /// their places, `clip_history`, `blend_factor`, `blend` and `sharpen`. A new frame of weight w is blended into a
 /// history of N samples per pixel with w/(N + w). Clipping is undone in static pixels, unless the gradient detects a
 /// change of light, and where a thin feature is locked. `Output.history_length` counts samples per output pixel.
