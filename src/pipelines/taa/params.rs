@@ -224,7 +224,8 @@ impl Params {
         ..Self::TEXTBOOK
     };
 
-    /// Our own measurements' choice for frames without noise. Sixteen taps gain nothing over the five, with noise or without.
+    /// Our own measurements' choice for frames without noise. With sixteen taps these lose up to .1 dB, and only frames of one
+    /// sample per pixel that no denoiser has seen gain .01 dB.
     pub const BEST: Self = Self {
         dilate: Some(Window::Square),
         dilate_margin: dilate::Params::EDGES.margin,
