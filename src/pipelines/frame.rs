@@ -278,7 +278,7 @@ fn has_unknown(motion: Pixels, geometry: Geometry) -> bool {
     runs.any(|run| {
         let start = run.y * width + run.x;
         let MotionRun { x, y, .. } = lanes.load(&motion, run);
-        // Where no motion is 0 or not finite, no geometry is looked up.
+        // Geometry is looked up only in runs where some motion is exactly 0 or not finite.
         let suspect = |&x: &f32, &y: &f32| (x == 0.0) & (y == 0.0) | !(x - y).is_finite();
         let suspects = x
             .iter()
