@@ -258,6 +258,12 @@ impl SurfaceRecords {
 /// Rows between those in which unknown motion is looked for: objects without motion are larger.
 const LOOKED_AT: usize = 4;
 
+/// Whether motion alone leaves open if it is known.
+#[inline(always)]
+fn may_be_unknown([x, y]: [f32; 2]) -> bool {
+    !(x.is_finite() & y.is_finite()) | ((x == 0.0) & (y == 0.0))
+}
+
 /// Whether the motion of a pixel is unknown: it is not finite, or zero where nothing was hit, where only the camera moves.
 #[inline(always)]
 fn is_unknown([x, y]: [f32; 2], geometry: Geometry, pixel: usize) -> bool {
@@ -265,7 +271,7 @@ fn is_unknown([x, y]: [f32; 2], geometry: Geometry, pixel: usize) -> bool {
         Geometry::Depth(depth) => depth.at(pixel, 0) == f32::INFINITY,
         Geometry::Position(position) => !is_present(position.vector(pixel)),
     };
-    !(x.is_finite() & y.is_finite()) || ((x == 0.0) & (y == 0.0) && missed())
+    may_be_unknown([x, y]) && ((x != 0.0) | (y != 0.0) || missed())
 }
 
 /// Whether motion is unknown somewhere.
@@ -278,13 +284,9 @@ fn has_unknown(motion: Pixels, geometry: Geometry) -> bool {
     runs.any(|run| {
         let start = run.y * width + run.x;
         let MotionRun { x, y, .. } = lanes.load(&motion, run);
-        // Geometry is looked up only in runs where some motion is exactly 0 or not finite.
-        let suspect = |&x: &f32, &y: &f32| (x == 0.0) & (y == 0.0) | !(x - y).is_finite();
-        let suspects = x
-            .iter()
-            .zip(y)
-            .fold(false, |any, (x, y)| any | suspect(x, y));
-        suspects && (0..run.len).any(|i| is_unknown([x[i], y[i]], geometry, start + i))
+        // Most runs need no look at the geometry.
+        let open = (0..run.len).fold(false, |any, i| any | may_be_unknown([x[i], y[i]]));
+        open && (0..run.len).any(|i| is_unknown([x[i], y[i]], geometry, start + i))
     })
 }
 

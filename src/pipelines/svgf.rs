@@ -92,8 +92,8 @@ pub struct Params {
 }
 
 /// A lamp that travels changes all of the light by less than the noise of a few pixels, so windows of three widths are
-/// tested. The wider margin compensates for three tests instead of one: with 2.3, caustics count as changes (3 % relMSE);
-/// with 2.6, `naked_lamps` and `sunlit_teapot` keep old light (1 % more).
+/// tested. The wider margin compensates for three tests instead of one: with 2.3, the noise of `caustics` counts as changes
+/// (3 % more relMSE); with 2.6, `naked_lamps` and `sunlit_teapot` keep old light (1 % more).
 pub const ESTIMATED_GRADIENT: gradient::Params = gradient::Params {
     noise: 2.4,
     passes: 3,

@@ -151,10 +151,10 @@ fn sticking(now: View, before: View) -> f32 {
     }
 }
 
-/// The number of pairs, δ δ′, δ δ↓, δ′², δ↓² and δ².
+/// The number of pairs, then the sums of δ δ′, δ δ↓, δ′², δ↓² and δ².
 const SUMS: usize = 6;
 
-/// Sums over every pair of rows.
+/// Writes [`SUMS`] for each row that is looked at, with the one below.
 struct Products<'a> {
     now: View<'a>,
     before: View<'a>,
