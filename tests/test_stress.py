@@ -190,6 +190,15 @@ def test_one_that_is_four_frames_late():
     assert result.verdict == "fails"
 
 
+def test_a_turn_is_no_ghost():
+    """Where the lamp turns back, the image of four frames ago is nearly that of now, and a lag of two frames twice as far."""
+    every = truths(NAMED["light travels"], 32)
+    known = [image for image in every if image is not None]
+    late = [known[0]] * (len(every) - len(known) + 2) + known[:-2]
+    _, result = stress.examine(NAMED["light travels"], [method("late", identity, oracle=late)], frames=32)
+    assert 0.4 < result.values["ghost"] < 0.75
+
+
 def test_one_that_averages_for_long():
     """The usual cause: a constant blend factor."""
     scenario = NAMED["light comes on"]

@@ -73,8 +73,10 @@ LIMITS: tuple[Limit, ...] = (
         0.15,
         0.5,
         "Largest weight of the outdated image in the output, from the event on. The outdated image is the reference "
-        "before the event or, with continuous motion, that of four frames ago. A seventh of an edge's contrast is a "
-        "faint double image; with half of it, past and present are equally visible.",
+        "before the event or, with continuous motion, that of four frames ago. Where what moves turns back, that image is "
+        "nearly the reference, so that frames do not count in which it differs less than half as much (in squares) as in "
+        "the median frame. A seventh of an edge's contrast is a faint double image; with half of it, past and present are "
+        "equally visible.",
     ),
     Limit(
         "early",
@@ -483,13 +485,15 @@ class _Stage:
         images = every[-len(self.shots) :]
         pictures = [_picture(image) for image in images]
         found: dict[str, list[float]] = {name: [] for name in ("ghost", "bias", "blur", "psnr", "relmse")}
+        changes: list[float] = []
         for i, (shot, picture, true, former) in enumerate(
             zip(self.shots, pictures, self.truths, self.formers, strict=True)
         ):
             watch = np.ones(shot.frame.shape, np.bool_) if shot.watch is None else shot.watch
             if np.ptp(true.srgb @ _LUMINANCE) > 1e-6:
                 found["blur"].append(1 - edge_sharpness(picture, true))
-            if former is not None and (former.srgb[watch] != true.srgb[watch]).any():
+            if former is not None and (change := float(np.sum(np.square(former.srgb - true.srgb)[watch]))) > 0:
+                changes.append(change)
                 found["ghost"].append(ghost(picture, true, former, watch))
             if not watch.any():
                 found["relmse"].append(0.0)
@@ -503,7 +507,9 @@ class _Stage:
                 found["bias"].append(light / meant - 1)
         values = {name: float(np.mean(each)) for name, each in found.items() if each}
         if found["ghost"]:
-            values["ghost"] = max(found["ghost"], key=abs)
+            enough = 0 if self.sudden else np.median(changes) / 2
+            counted = [one for one, change in zip(found["ghost"], changes, strict=True) if change >= enough]
+            values["ghost"] = max(counted, key=abs)
             if self.sudden:
                 values["lag"] = lag(found["ghost"])
                 values["early"] = max((self._early(image) for image in every[: -len(self.shots)][-TRAIL:]), key=abs)
