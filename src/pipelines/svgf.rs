@@ -11,6 +11,7 @@
 
 mod finish;
 mod merge;
+mod params;
 mod passes;
 mod sides;
 mod still;
@@ -19,6 +20,7 @@ use std::cell::OnceCell;
 
 use self::finish::finish;
 use self::merge::{Merged, merge, merge_at_once};
+pub use self::params::{ANTIALIASED, ESTIMATED_GRADIENT, Params};
 use self::passes::{choose, filter};
 use self::sides::{Joined, expect, join, join_reports};
 use self::still::Still;
@@ -32,292 +34,18 @@ use super::motion_check::Mistake;
 use super::recall::{Incoherent, Memory, told_by_motion};
 use super::reflections;
 use super::repetition::Noise;
-use super::taa::{self, Stage};
-use crate::error::{Result, in_range};
+use super::taa::Stage;
+use crate::error::Result;
 use crate::image::{Image, Pixels, Records, Size, View};
 use crate::kernels::camera::parallax::parallax;
 use crate::kernels::camera::pinhole::Camera;
-use crate::kernels::fetch::validate::{self, Surface};
+use crate::kernels::fetch::validate::Surface;
 use crate::kernels::judge::exposure::exposure;
 use crate::kernels::judge::innovation::Innovation;
-use crate::kernels::judge::{choice, gradient, innovation, neighborhood};
 use crate::kernels::merge::accumulate;
 use crate::kernels::smooth::demodulate::Texture;
-use crate::kernels::smooth::guide::{Coarse, Guide, Sigmas};
-use crate::kernels::smooth::{atrous, fireflies, lend, variance};
-use crate::math::smaller;
+use crate::kernels::smooth::guide::{Coarse, Guide};
 use crate::pixels::Colors;
-
-/// Parameters of [`Svgf`].
-#[derive(Clone, Debug)]
-pub struct Params {
-    /// The tests that history must pass.
-    pub surface: validate::Params,
-    /// How samples join the history.
-    pub accumulate: accumulate::Params,
-    /// Whether they join without forgetting in frames in which nothing moves. With `choice`, the result then takes its
-    /// detail from their mean.
-    pub average_still: bool,
-    /// Whether depth alone tells surfaces apart where normals and ids change from pixel to pixel and from frame to frame.
-    pub coherence: bool,
-    /// How the variance is estimated.
-    pub variance: variance::Params,
-    /// The filter. It knows the numbers of samples in frames with no guide but depth alone, if `relative_noise` is finite.
-    pub atrous: atrous::Params,
-    /// Whether the first pass of the filter, instead of its input, is the next frame's history. Not in a step that joins later
-    /// frames: they have seen the next frame's samples.
-    pub feedback: bool,
-    /// Whether history must be of the same albedo, by the surface's threshold of luminance.
-    pub same_albedo: bool,
-    /// Whether the new sample's share rises where less than the whole footprint of history is valid.
-    pub by_confidence: bool,
-    /// Whether history is shortened where the light changes, and how the change is estimated; frames with a replay tell it,
-    /// and correct their history by it.
-    pub gradient: Option<gradient::Params>,
-    /// Whether outliers are held down.
-    pub fireflies: Option<fireflies::Params>,
-    /// Whether each tile gets as many passes of the filter, up to one more than `atrous.iterations`, as predicted best; not
-    /// where the noise of frames repeats, which is looked for.
-    pub choice: Option<choice::Params>,
-    /// Whether that is also done in frames that have albedo. Without it, a fixed number of passes blurs texture.
-    pub choice_with_albedo: bool,
-    /// Whether the innovation, what new samples show beside the prediction, corrects result and history.
-    pub innovation: Option<innovation::Params>,
-    /// Distances behind the surface at which reflections are looked for, in units of depth; above 0, +inf included.
-    pub reflections: Vec<f32>,
-    /// The output stage.
-    pub antialias: Option<taa::Params>,
-    /// For frames of which only a part is traced: samples for the rest.
-    pub lend: Option<lend::Params>,
-}
-
-/// A lamp that travels changes all of the light by less than the noise of a few pixels, so windows of three widths are
-/// tested. The wider margin compensates for three tests instead of one: with 2.3, the noise of `caustics` counts as changes
-/// (3 % more relMSE); with 2.6, `naked_lamps` and `sunlit_teapot` keep old light (1 % more).
-pub const ESTIMATED_GRADIENT: gradient::Params = gradient::Params {
-    noise: 2.4,
-    passes: 3,
-    widest: 5,
-};
-
-/// After n frames in which nothing moved, the margin of noise that the gradient ignores is multiplied by √(n/10), with n/10
-/// clamped to 1 to 16: a false alarm costs the more samples, the longer they have been averaged.
-const PATIENCE: [f32; 2] = [10.0, 16.0];
-
-/// Cap on the history length where α is 0.
-const LONGEST: f32 = 1e6;
-
-/// Normals are compared half as strictly as by the paper.
-const SIGMAS: Sigmas = Sigmas {
-    normal: 64.0,
-    ..Sigmas::DEFAULT
-};
-
-/// Without guides, the filter blurs edges and texture along with the noise, and history adds more blur and lag than it removes
-/// noise.
-pub const ANTIALIASED: taa::Params = taa::Params {
-    unguided_alpha: 0.5,
-    ..taa::Params::DENOISED
-};
-
-/// By our own measurements.
-impl Default for Params {
-    fn default() -> Self {
-        Self {
-            variance: variance::Params {
-                sigmas: SIGMAS,
-                ..Default::default()
-            },
-            atrous: atrous::Params {
-                iterations: 3,
-                radius: 1,
-                sigma_luminance: 3.0,
-                sigmas: SIGMAS,
-                ..Default::default()
-            },
-            coherence: true,
-            gradient: Some(ESTIMATED_GRADIENT),
-            choice: Some(choice::Params::default()),
-            choice_with_albedo: true,
-            innovation: Some(innovation::Params::default()),
-            reflections: vec![0.4, 1.2],
-            antialias: Some(ANTIALIASED),
-            feedback: false,
-            surface: validate::Params::default(),
-            ..Self::textbook()
-        }
-    }
-}
-
-impl Params {
-    /// The paper's passes: accumulation by its α, variance, and filter, whose first pass feeds back.
-    pub fn textbook() -> Self {
-        Self {
-            surface: validate::Params {
-                motion_difference: validate::Threshold::hard(f32::INFINITY),
-                ..Default::default()
-            },
-            accumulate: accumulate::Params {
-                alpha: 0.2,
-                ..Default::default()
-            },
-            average_still: false,
-            coherence: false,
-            variance: variance::Params::default(),
-            atrous: atrous::Params {
-                relative_noise: f32::INFINITY,
-                ..Default::default()
-            },
-            feedback: true,
-            same_albedo: false,
-            by_confidence: false,
-            gradient: None,
-            fireflies: None,
-            choice: None,
-            choice_with_albedo: true,
-            innovation: None,
-            reflections: vec![],
-            antialias: None,
-            lend: None,
-        }
-    }
-
-    /// Half resolution: frames of which a part is traced, another one each time. More noise is expected than from whole
-    /// frames, and histories to be wrong more often. Gradient, reflections and innovation ask traced samples alone.
-    pub fn half_res(mut lend: lend::Params) -> Self {
-        lend.window.sigmas = SIGMAS;
-        let clip = neighborhood::Params {
-            gamma: 0.6,
-            ..taa::Params::DENOISED.clip
-        };
-        Self {
-            variance: variance::Params {
-                sigmas: SIGMAS,
-                ..Default::default()
-            },
-            atrous: atrous::Params {
-                iterations: 4,
-                sigmas: SIGMAS,
-                relative_noise: f32::INFINITY,
-                ..Default::default()
-            },
-            // Windows twice as wide have as many samples.
-            gradient: Some(gradient::Params {
-                passes: ESTIMATED_GRADIENT.passes + 1,
-                widest: ESTIMATED_GRADIENT.widest + 1,
-                ..ESTIMATED_GRADIENT
-            }),
-            reflections: vec![0.4, 1.2],
-            // A tile of a partly traced frame has few samples to judge by, so that rare bright ones may decide. With albedo, most
-            // scenes gain too little by the choice to make up for the highlights that lose by this.
-            choice: Some(choice::Params {
-                strictness: 1.0,
-                ..Default::default()
-            }),
-            choice_with_albedo: false,
-            antialias: Some(taa::Params {
-                clip,
-                // Most pixels have no sample to judge by, nor to show.
-                choice: false,
-                ..taa::Params::DENOISED
-            }),
-            lend: Some(lend),
-            innovation: Some(innovation::Params::default()),
-            feedback: false,
-            surface: validate::Params::default(),
-            ..Self::textbook()
-        }
-    }
-
-    /// Whether the number of passes is chosen in frames with albedo, or without.
-    fn chooses(&self, with_albedo: bool) -> bool {
-        self.choice.is_some() && (self.choice_with_albedo || !with_albedo)
-    }
-
-    /// Whether history is tested by motion, where no depth is known.
-    pub(super) fn tests_motion(&self) -> bool {
-        self.surface.motion_difference.none < f32::INFINITY
-    }
-
-    /// For a frame whose noise is that of the frame before. However many samples its history counts, they are worth one, so
-    /// that the variance is estimated in space, for one sample.
-    fn repeated(&self) -> Self {
-        let longest = 1.0 / self.accumulate.alpha;
-        Self {
-            choice: None,
-            variance: variance::Params {
-                min_length: smaller(longest, LONGEST) * self.variance.min_length,
-                ..self.variance
-            },
-            atrous: atrous::Params {
-                relative_noise: f32::INFINITY,
-                ..self.atrous
-            },
-            ..self.clone()
-        }
-    }
-
-    /// After so many frames in which nothing moved.
-    fn still(&self, frames: u32) -> Self {
-        let [first, most] = PATIENCE;
-        let patience = (frames as f32 / first).clamp(1.0, most).sqrt();
-        Self {
-            gradient: self.gradient.map(|gradient| gradient::Params {
-                noise: gradient.noise * patience,
-                ..gradient
-            }),
-            ..self.clone()
-        }
-    }
-
-    /// Pixels from the farthest tap to the centre.
-    fn reach(&self) -> usize {
-        let filter = atrous::Params {
-            iterations: self.passes(),
-            ..self.atrous
-        };
-        let lent = self.lend.map_or(0, |lend| lend.window.radius);
-        let spread = self.fireflies.map_or(0, |fireflies| fireflies.radius);
-        (filter.reach().max(self.variance.radius))
-            .max(lent)
-            .max(spread)
-    }
-
-    /// Passes of the filter that are run.
-    fn passes(&self) -> u32 {
-        let usual = self.atrous.iterations;
-        match self.choice {
-            Some(_) => (usual + 1).min(atrous::Params::MOST),
-            None => usual,
-        }
-    }
-
-    /// Whether a pass before the filter reads neighbouring pixels, or one after it the reprojected history: both need whole
-    /// images, so that the merge cannot be fused.
-    fn looks_around(&self) -> bool {
-        let fills = self.fireflies.is_some() || self.lend.is_some();
-        let asks = !self.reflections.is_empty() || self.choice.is_some();
-        self.gradient.is_some() || self.coherence || fills || asks
-    }
-
-    /// An error if a parameter is out of range.
-    pub fn check(&self) -> Result<()> {
-        self.surface.check()?;
-        self.accumulate.check()?;
-        self.variance.check()?;
-        self.atrous.check()?;
-        self.choice.iter().try_for_each(choice::Params::check)?;
-        (self.innovation.iter()).try_for_each(innovation::Params::check)?;
-        (self.fireflies.iter()).try_for_each(fireflies::Params::check)?;
-        (self.antialias.iter()).try_for_each(taa::Params::check)?;
-        self.lend.iter().try_for_each(lend::Params::check)?;
-        self.gradient.iter().try_for_each(gradient::Params::check)?;
-        for &distance in &self.reflections {
-            in_range("reflections", distance, "distances above 0", |v| v > 0.0)?;
-        }
-        Ok(())
-    }
-}
 
 /// What goes from frame to frame, beside the history of the output stage.
 struct State {

@@ -1,11 +1,14 @@
 //! Whole pipelines, step by step: errors and panics leave them usable.
 
 use std::marker::PhantomData;
+use std::ops::Range;
 
 use super::*;
+use crate::image::{BandMut, Image};
 use crate::kernels::judge::{innovation, neighborhood};
 use crate::kernels::smooth::lend;
 use crate::pipelines::{bmfr, recirculation, svgf, taa, upscaler};
+use crate::rows::{self, Kernel, Simd};
 
 const SIZE: Size = Size {
     height: 37,
