@@ -191,7 +191,7 @@ def test_one_that_is_four_frames_late():
 
 
 def test_a_turn_is_no_ghost():
-    """Where the lamp turns back, the image of four frames ago is nearly that of now, and a lag of two frames twice as far."""
+    """Where the lamp turns back, the image of four frames ago is nearly that of now, that of two frames ago is not."""
     every = truths(NAMED["light travels"], 32)
     known = [image for image in every if image is not None]
     late = [known[0]] * (len(every) - len(known) + 2) + known[:-2]
