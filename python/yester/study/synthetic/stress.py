@@ -73,10 +73,10 @@ LIMITS: tuple[Limit, ...] = (
         0.15,
         0.5,
         "Largest weight of the outdated image in the output, from the event on. The outdated image is the reference "
-        "before the event or, with continuous motion, that of four frames ago. Where what moves turns back, that image is "
-        "nearly the reference, so that frames do not count in which it differs less than half as much (in squares) as in "
-        "the median frame. A seventh of an edge's contrast is a faint double image; with half of it, past and present are "
-        "equally visible.",
+        "before the event or, with continuous motion, that of four frames ago. Where what moves turns back, the "
+        "latter is nearly the reference: frames in which it differs less than half as much (in squares) as in the "
+        "median frame do not count. A seventh of an edge's contrast is a faint double image; with half of it, past "
+        "and present are equally visible.",
     ),
     Limit(
         "early",
