@@ -129,7 +129,7 @@ class Mixing:
 
     def __init__(self):
         self.luminances = self.samples_before = self.evidence = None
-        self.rest = self.rested = 0
+        self.rest = 0
 
     def scale(self, change: np.float32):
         """Multiply all light."""
@@ -170,11 +170,9 @@ class Mixing:
                     kept = np.dstack([agreed | smooth, agreed])
                     shares = np.where(kept, shares, np.float32(0))
                     if 8 * agreed.sum() < agreed.size and not smooth:
-                        rest = min(max(2 * self.rested, 5), 20)
                         self.__init__()
-                        self.rest = self.rested = rest
+                        self.rest = 5
                         return shown
-                    self.rested = 0
                 if self.samples_before is not None:
                     older, _ = fetch_known(self.samples_before, motion)
                     planes = np.dstack([light[0], fetched[..., 0], older, fetched[..., 1:]])

@@ -316,20 +316,6 @@ def with_fireflies(frame, number, *, share=0.002, factor=1e4):
     return replace(frame, color=color)
 
 
-def test_rests_grow_while_no_tile_asks():
-    """The stage looks at four frames, rests for 5, looks again, rests for 10, then for 20, whatever comes then."""
-    rng = np.random.default_rng(5)
-    stages = [yester.TAA("denoised", innovation=True, **named) for named in ({}, {"choice": False})]
-    denoiser, mixed = yester.SVGF(antialias=False), []
-    for number, (frame, _) in enumerate(sampled(54, size=(48, 40))):
-        noise = rng.gamma(0.5, 2, frame.shape)[..., None] if number < 28 else 1
-        noisy = replace(frame, color=np.float32(frame.color * noise))
-        smooth = replace(noisy, color=denoiser.step(noisy).color)
-        images = [stage.step(smooth, samples=noisy.color).color for stage in stages]
-        mixed.append(bool((images[0] != images[1]).any()))
-    assert mixed.index(True) == 4 + 5 + 4 + 10 + 4 + 20 + 3
-
-
 def test_fireflies_among_many_samples_are_their_kernels():
     """No sample is mixed in, or judges, for more than eight times the result."""
     svgf, other = yester.SVGF(), composed.SVGF()

@@ -1086,13 +1086,13 @@ class TAA(Pipeline):
         the samples, by the shares that would have made the error of the frame before least (`collocate`,
         `collocation_shares`; frames are fetched by `reproject` without fallback). Frames of many samples are
         antialiased as they come, and have little noise. A tile shows no samples if fewer than 3 of 10 tiles, up to 4
-        tiles away, ask for more than 5 % of them, and no denoised colour either, unless that would be a quarter of
-        the best mixture for all tiles together. If it is not, and fewer than one in 8 shows anything but the result,
-        none does, and the next five frames are not judged; after the next such look it is ten, then 20. So it mostly
-        is with frames of one sample. It always is where they have the noise of the frame before (`repetition`), which
-        comes with a `UserWarning`. With known `jitter`, frames are not antialiased, and the best mixture for all
-        tiles does not count. By luminance, a sample counts for no more than eight times, and is shown as no more than
-        three times, the result plus a sixteenth of its exposure, so that fireflies do not return.
+        tiles away, ask for more than 5 % of them, and no denoised colour either, unless that would be a quarter of the
+        best mixture for all tiles together. If it is not, and fewer than one in 8 shows anything but the result, none
+        does, and the next five frames are not judged: so it mostly is with frames of one sample. It always is where
+        they have the noise of the frame before (`repetition`), which comes with a `UserWarning`. With known `jitter`,
+        frames are not antialiased, and the best mixture for all tiles does not count. By luminance, a sample counts for
+        no more than eight times, and is shown as no more than three times, the result plus a sixteenth of its
+        exposure, so that fireflies do not return.
         By default only preset "denoised" does this.
 
     Raises

@@ -4,11 +4,11 @@
 //! and at some point the denoiser does no better. With y the samples, a the denoised colour and b the stage's result, a pixel
 //! shows m + g (y − m), m = b + λ (a − b). Each tile's λ and g are those that would have made the error of the frame before
 //! least ([`collocation`]); frames are fetched along the motion, bilinearly. In frames of one sample, g is above 0 in tiles
-//! here and there by chance, and λ anything. A tile shows b, therefore, unless [`ASK`] of the tiles around it ask for
-//! samples. The λ of all tiles together is no chance: from [`DENOISED_FROM`] on, all show as much denoised colour as their
-//! own λ says; not where the jitter of frames is known, as these are not antialiased, however little noise they have.
-//! Otherwise, if fewer than one in [`FEWEST`] shows anything but b, none does, and the next frames, as many as [`REST`] says,
-//! are not judged. So it is where the noise of frames repeats, which looks like detail.
+//! here and there by chance, and λ anything. A tile shows b, therefore, unless [`ASK`] of the tiles around it ask for samples.
+//! The λ of all tiles together is no chance: from [`DENOISED_FROM`] on, all show as much denoised colour as their own λ says;
+//! not where the jitter of frames is known, as these are not antialiased, however little noise they have. Otherwise, if fewer
+//! than one in [`FEWEST`] shows anything but b, none does, and the next [`REST`] frames are not judged. So it is where the
+//! noise of frames repeats, which looks like detail.
 //!
 //! A sample is held down to [`BRIGHTEST`] times the result; a result in which it has a share of an eighth or more is bright
 //! enough to leave it alone. A firefly, nearly all of a tile's evidence, would otherwise be shown at its full brightness.
@@ -47,9 +47,8 @@ const REACH: usize = 4;
 const DENOISED_FROM: f32 = 0.25;
 /// One over the least fraction of tiles that must agree: single groups do by chance.
 const FEWEST: usize = 8;
-/// Frames in which tiles are not asked after too few have agreed, at first and at the most: each rest is twice as long as the
-/// one before it. Asking takes four frames, so that in the long run nothing is done in 20 of 24.
-const REST: [u32; 2] = [5, 20];
+/// Frames in which tiles are not asked after too few have agreed. Asking takes four frames, so nothing is done in five of nine.
+const REST: u32 = 5;
 
 /// No sample counts for more than so many times the result's luminance plus a sixteenth of the exposure.
 const BRIGHTEST: f32 = 8.0;
@@ -65,19 +64,9 @@ pub struct Seen {
     evidence: Option<Records>,
     /// Frames that are not judged.
     rest: u32,
-    /// Frames that were not judged the last time, 0 if tiles have agreed since.
-    rested: u32,
 }
 
 impl Seen {
-    fn resting(rest: u32, rested: u32) -> Self {
-        Self {
-            rest,
-            rested,
-            ..Self::default()
-        }
-    }
-
     /// Multiplies all light by a factor.
     pub fn scale(&mut self, change: f32) {
         if let Some(luminances) = &mut self.luminances {
@@ -104,12 +93,18 @@ pub fn mix(
 ) -> Seen {
     let size = samples.size;
     let mut before = before.unwrap_or_default();
-    let rested = before.rested;
+    let resting = Seen {
+        rest: REST,
+        ..Seen::default()
+    };
     if repeats {
-        return Seen::resting(REST[0], 0);
+        return resting;
     }
     if let Some(rest) = before.rest.checked_sub(1) {
-        return Seen::resting(rest, rested);
+        return Seen {
+            rest,
+            ..Seen::default()
+        };
     }
     let held = Held {
         samples,
@@ -127,8 +122,7 @@ pub fn mix(
             let [smooth, _] = collocation::share_of_all(evidence);
             let smooth = smooth >= DENOISED_FROM && !aliased;
             if !agree(shares, smooth) && !smooth {
-                let rest = (2 * rested).clamp(REST[0], REST[1]);
-                return Seen::resting(rest, rest);
+                return resting;
             }
         }
         let recent = forget(recent.0, &recent.1);
@@ -150,7 +144,6 @@ pub fn mix(
     }
     let mut luminances = Records::blank(size, LUMINANCES);
     let [first, second] = [0, 1].map(|c| (shares.as_ref()).map(|shares| shares.channels(c..c + 1)));
-    let agreed = shares.is_some();
     let kernel = Mix {
         held,
         denoised,
@@ -165,7 +158,6 @@ pub fn mix(
         samples_before,
         evidence,
         rest: 0,
-        rested: if agreed { 0 } else { rested },
     }
 }
 
