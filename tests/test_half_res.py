@@ -64,6 +64,25 @@ def test_subsets_of_buffers(names):
     check_bits(frames_of(names, 9))
 
 
+@pytest.mark.parametrize("relative_noise", [0.5, np.inf])
+def test_limit_of_noise(relative_noise):
+    check_bits(frames_of(("depth",), 7), relative_noise=relative_noise)
+
+
+def test_a_lamp_does_not_leak_into_the_dark():
+    """No buffer marks its edge, which looks like noise."""
+    rng, truth = np.random.default_rng(0), np.full((48, 64, 3), 0.05)
+    truth[16:32, 20:44] = 5.0
+    dark = truth[..., 0] < 1
+    pipelines, errors = (yester.HalfRes(), yester.HalfRes(relative_noise=np.inf)), []
+    for number in range(12):
+        noisy = (truth * rng.exponential(1, truth.shape)).astype(np.float32)
+        outs = [pipeline.step(yester.Frame(traced(noisy, number))) for pipeline in pipelines]
+        errors.append([np.mean((out.color - truth)[dark] ** 2) for out in outs])
+    limited, free = np.mean(errors[6:], 0)
+    assert limited < 0.75 * free
+
+
 def test_passes_are_chosen_where_there_is_no_albedo():
     """There alone by default."""
     check_bits(frames_of(NAMES, 7), choice=True)
@@ -135,7 +154,7 @@ def test_history_converges_to_the_mean_of_the_pixels_own_samples():
     """However different its neighbours are: their weight vanishes over time."""
     y, x = np.mgrid[:32, :33]
     truth = np.where((x // 2 + y // 3) % 2, np.float32(1.5), np.float32(0.5))[..., None] * np.ones(3, np.float32)
-    half_res, errors = yester.HalfRes(alpha=0.0, innovation=False, **BARE), []
+    half_res, errors = yester.HalfRes(alpha=0.0, weight=0.1, innovation=False, **BARE), []
     for number in range(400):
         out = half_res.step(yester.Frame(traced(truth, number)))
         errors.append(np.sqrt(np.mean((out.color - truth) ** 2)))
@@ -255,6 +274,7 @@ def test_sizes_that_do_not_fit():
         ("radius", [0, 17]),
         ("iterations", [-1, 17]),
         ("sigma_luminance", [0, -1, np.nan]),
+        ("relative_noise", [0, -1, np.nan]),
         ("reflections", [[0.0], [np.nan]]),
     ],
 )

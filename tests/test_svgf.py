@@ -725,9 +725,9 @@ def test_replays_give_exact_changes():
         before = color
 
 
-def replayed(pipeline, scale, **named):
+def replayed(pipeline, scale, seed, **named):
     """Light of the static scene, just after scaling, with replays: relative to the reference, where surfaces are."""
-    rng, shot = np.random.default_rng(0), flight.shoot(0, 96, 64, moving=False)
+    rng, shot = np.random.default_rng(seed), flight.shoot(0, 96, 64, moving=False)
     denoiser, before = pipeline(antialias=False, **named), None
     for number in range(16):
         light = np.float32(scale if number == 15 else 1)
@@ -745,10 +745,10 @@ def replayed(pipeline, scale, **named):
 @pytest.mark.parametrize("pipeline", [yester.SVGF, yester.HalfRes])
 def test_replays_correct_history(pipeline, scale, noise):
     """Light is right in its first frame, with less noise where it is corrected than where history is cut alone."""
-    corrected, cut = (replayed(pipeline, scale, innovation=choice) for choice in (True, False))
-    if (pipeline, scale) == (yester.BMFR, 0.25):
-        noise = 1.07  # measured: 1.035 ± 0.017 over eight seeds of the noise
-    # The mean of the first sample of the new light is itself 2 % too dark.
+    corrected, cut = (
+        np.array([replayed(pipeline, scale, seed, innovation=choice) for seed in range(4)]) for choice in (True, False)
+    )
+    # The luminance weight keeps a single sample's bright outliers to themselves, so that the others are too dark.
     assert corrected.mean() == pytest.approx(1, abs=0.04 if 0.5 < scale < 2 else 0.07)
     assert np.sqrt(np.mean((corrected - 1) ** 2)) < noise * np.sqrt(np.mean((cut - 1) ** 2))
 

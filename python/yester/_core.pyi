@@ -806,14 +806,16 @@ class HalfRes(SVGF):
     alpha : float, default 0.2
         Smallest weight of a traced sample in its pixel's history, 0 to 1: with a quarter of the pixels traced, 0.2
         averages over as many frames as 0.05 in `SVGF`.
-    weight : float, default 0.1
+    weight : float, default 0.3
         The fraction of a sample that a reconstructed colour counts for without history, above 0 to 1.
     radius : int, default 2
         Radius in pixels of the window from which untraced pixels are reconstructed, 1 to 16.
     iterations : int, default 4
         Passes of the spatial filter, 0 to 16.
-    sigma_luminance : float, default 4.0
+    sigma_luminance : float, default 3.0
         The filter's scale of luminance differences, in standard deviations; above 0.
+    relative_noise : float, default 2.0
+        As in `SVGF`.
     by_confidence, fireflies : bool, default False
         As in `SVGF`.
     reflections : sequence of float, default (0.4, 1.2)
@@ -824,7 +826,7 @@ class HalfRes(SVGF):
     innovation : bool, default True
         As in `SVGF`.
     antialias : bool, default True
-        End with a stage of temporal antialiasing, ``TAA("denoised", gamma=0.6, choice=False)``.
+        End with a stage of temporal antialiasing, ``TAA("denoised", unguided_alpha=0.5, gamma=0.6, choice=False)``.
 
     Raises
     ------
@@ -845,8 +847,7 @@ class HalfRes(SVGF):
     Each step is that of `SVGF` with one more function: the demodulated colour goes through `reconstruct`, then to
     `accumulate` with weight 1 where it was traced and ``weight / (1 + N)`` elsewhere, N being the reprojected history
     length, so that a long history converges to the mean of its own samples. The gradient (with windows twice as wide)
-    and the reflections use traced samples only, guides are compared everywhere (``coherence=False``), and the last
-    stage clips history to 0.6 standard deviations.
+    and the reflections use traced samples only, and the last stage clips history to 0.6 standard deviations.
 
     Examples
     --------
@@ -859,17 +860,18 @@ class HalfRes(SVGF):
     >>> output.missing
     48
     >>> output.history_length[:2, :2]
-    array([[1.1464, 1.2366],
-           [1.2749, 1.1942]], dtype=float32)
+    array([[1.4206, 1.6493],
+           [1.7267, 1.5539]], dtype=float32)
     """
     def __new__(
         cls,
         *,
         alpha: float = 0.2,
-        weight: float = 0.1,
+        weight: float = 0.3,
         radius: int = 2,
         iterations: int = 4,
-        sigma_luminance: float = 4.0,
+        sigma_luminance: float = 3.0,
+        relative_noise: float = 2.0,
         by_confidence: bool = False,
         fireflies: bool = False,
         reflections: Sequence[float] = (0.4, 1.2),

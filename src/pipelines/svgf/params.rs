@@ -147,20 +147,18 @@ impl Params {
     /// frames, and histories to be wrong more often. Gradient, reflections and innovation ask traced samples alone.
     pub fn half_res(mut lend: lend::Params) -> Self {
         lend.window.sigmas = SIGMAS;
+        let whole = Self::default();
         let clip = neighborhood::Params {
             gamma: 0.6,
-            ..taa::Params::DENOISED.clip
+            ..ANTIALIASED.clip
         };
         Self {
-            variance: variance::Params {
-                sigmas: SIGMAS,
-                ..Default::default()
-            },
             atrous: atrous::Params {
                 iterations: 4,
-                sigmas: SIGMAS,
-                relative_noise: f32::INFINITY,
-                ..Default::default()
+                radius: 2,
+                // With 2.5, as in whole frames, lamps leak more; with 1.5, noise stays where light has just changed.
+                relative_noise: 2.0,
+                ..whole.atrous
             },
             // Windows twice as wide have as many samples.
             gradient: Some(gradient::Params {
@@ -168,7 +166,6 @@ impl Params {
                 widest: ESTIMATED_GRADIENT.widest + 1,
                 ..ESTIMATED_GRADIENT
             }),
-            reflections: vec![0.4, 1.2],
             // A tile of a partly traced frame has few samples to judge by, so that rare bright ones may decide. With albedo, most
             // scenes gain too little by the choice to make up for the highlights that lose by this.
             choice: Some(choice::Params {
@@ -180,13 +177,10 @@ impl Params {
                 clip,
                 // Most pixels have no sample to judge by, nor to show.
                 choice: false,
-                ..taa::Params::DENOISED
+                ..ANTIALIASED
             }),
             lend: Some(lend),
-            innovation: Some(innovation::Params::default()),
-            feedback: false,
-            surface: validate::Params::default(),
-            ..Self::textbook()
+            ..whole
         }
     }
 

@@ -183,6 +183,7 @@ ABLATIONS = (
     _ablation(_BMFR, "innovation", pipeline(BMFR, innovation=False)),
     _ablation(_HALF_RES, "innovation", on_part(quarter, pipeline(HalfRes, innovation=False))),
     _ablation(_HALF_RES, "choice", on_part(quarter, pipeline(HalfRes, choice=False))),
+    _ablation(_HALF_RES, "limit of noise", on_part(quarter, pipeline(HalfRes, relative_noise=math.inf))),
     replace(
         _ablation(_RECIRCULATION, "innovation", on_part(quarter, pipeline(Recirculation, innovation=False))),
         needs_all=True,
