@@ -872,7 +872,7 @@ class BMFR:
         *,
         alpha=0.05,
         fitted_alpha=0.1,
-        block=16,
+        block=None,
         features="fewest",
         relative_depth=0.1,
         plane_distance=0.01,
@@ -936,14 +936,15 @@ class BMFR:
         geometry = frame.depth if frame.position is None else frame.position
         if frame.position is None and frame.camera is None:
             geometry = None
+        block = self.block or (8 if frame.albedo is None else 16)
         fitted, _ = yester.regress(
             color,
             normal=frame.normal,
             geometry=geometry,
             camera=frame.camera,
             weight=weight,
-            block=self.block,
-            offset=tuple((OFFSETS[self.age % 8] * self.block // 8).tolist()),
+            block=block,
+            offset=tuple((OFFSETS[self.age % 8] * block // 8).tolist()),
             features=self.features,
         )
         with np.errstate(divide="ignore", over="ignore"):

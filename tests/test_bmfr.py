@@ -59,6 +59,14 @@ def test_pipeline_is_its_kernels(named, newer):
     check_bits(frames_of((*NAMES, *newer), 10 if named == {} else 4), **named)
 
 
+def test_blocks_are_smaller_without_albedo():
+    """Half as large: light has texture then, which no feature tells."""
+    usual, other = yester.BMFR(), yester.BMFR(block=8)
+    for frame in frames_of(("normal", "depth"), 10):
+        assert_same_bits(usual.step(frame).color, other.step(frame).color)
+    check_bits(frames_of(("normal", "depth"), 10))
+
+
 def test_albedo_that_is_no_reflectance():
     check_bits(with_highlight(frames_of(NAMES, 6)))
 

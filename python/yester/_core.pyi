@@ -921,8 +921,9 @@ class BMFR(Pipeline):
         Smallest weight of the new sample in the history, 0 to 1.
     fitted_alpha : float, default 0.1
         Smallest weight of the new fit in the history of fits, 0 to 1.
-    block : int, default 16
-        Side of the blocks in pixels, 4 to 256. The paper has 32, for images of 1280×720.
+    block : int, optional
+        Side of the blocks in pixels, 4 to 256. By default 16, and 8 in frames without albedo, whose texture no feature
+        tells. The paper has 32, for images of 1280×720.
     features : {"fewest", "all"}, default "fewest"
         As in `regress`.
     relative_depth, plane_distance, normal_angle : float or (float, float), default 0.1, 0.01 and 25.0
@@ -982,7 +983,7 @@ class BMFR(Pipeline):
         *,
         alpha: float = 0.05,
         fitted_alpha: float = 0.1,
-        block: int = 16,
+        block: int | None = None,
         features: Literal["fewest", "all"] = "fewest",
         relative_depth: _Threshold = 0.1,
         plane_distance: _Threshold = 0.01,

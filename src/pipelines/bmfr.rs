@@ -38,8 +38,11 @@ use crate::pixels::PixelsMut;
 pub struct Params {
     /// Of the passes before the regression; those of the spatial filter have no effect.
     pub history: svgf::Params,
-    /// The offset of its blocks changes from frame to frame.
-    pub regress: regress::Params,
+    /// Side of the blocks in pixels; 4 to 256. Where nothing is given, 16, and 8 in frames without albedo, whose texture no
+    /// feature tells.
+    pub block: Option<usize>,
+    /// How many features each block is fitted to.
+    pub features: regress::Choice,
     /// Least blend factor of the new fit; 0 to 1; 0.1.
     pub fitted_alpha: f32,
     /// The last pass.
@@ -62,10 +65,8 @@ impl Default for Params {
                 innovation: Some(innovation::Params::default()),
                 ..svgf::Params::textbook()
             },
-            regress: regress::Params {
-                block: 16,
-                ..Default::default()
-            },
+            block: None,
+            features: regress::Choice::Fewest,
             fitted_alpha: 0.1,
             antialias: Some(taa::Params::DENOISED),
         }
@@ -76,7 +77,7 @@ impl Params {
     /// An error if a parameter is out of range.
     pub fn check(&self) -> Result<()> {
         self.history.check()?;
-        self.regress.check()?;
+        self.block.map(regress::Params::block).transpose()?;
         self.antialias.iter().try_for_each(taa::Params::check)?;
         from_0_to_1("fitted_alpha", self.fitted_alpha)
     }
@@ -152,7 +153,7 @@ impl Steps for Bmfr {
         let past = inputs.reproject(&params.history, memory, &sample, &mut output);
         let (mut history, missing) = merge(&params.history, &sample, &past, output.confidence);
         let light = history.pixels().part(LIGHT);
-        let fit = fit(light, features, frame.albedo, params.regress, age);
+        let fit = fit(light, features, frame.albedo, params, age);
         accumulate_fits(&fit, &past.history, params.fitted_alpha, &mut history);
         let mixes = params.antialias.is_some_and(|stage| stage.choice);
         let heard = mixes.then(|| Noise::see(noise, sample.pixels(), inputs.motion.pixels()));

@@ -19,9 +19,9 @@ OFFSETS = [(0, 0), (4, 4), (2, 6), (6, 2), (1, 3), (5, 7), (3, 1), (7, 5)]
 class BMFR(SVGF):
     """Block-wise multi-order feature regression (Koskela et al. 2019), composed of the references."""
 
-    def __init__(self, *, fitted_alpha=0.1, block=16, features="fewest", **named):
+    def __init__(self, *, fitted_alpha=0.1, block=None, features="fewest", **named):
         super().__init__(**{"alpha": 0.05, "motion_difference": torch.inf, **named})
-        self.fitted_alpha, self.blocks = fitted_alpha, {"block": block, "features": features}
+        self.fitted_alpha, self.block, self.features = fitted_alpha, block, features
         self.age = 0
 
     def depth(self, frame) -> Tensor | None:
@@ -67,9 +67,10 @@ class BMFR(SVGF):
         if geometry is None and frame.camera is not None:
             geometry = frame.depth  # (H, W)
         x, y = OFFSETS[self.age % len(OFFSETS)]
-        side = self.blocks["block"]
-        place = {"offset": (x * side // 8, y * side // 8), "camera": frame.camera, "weight": weight}
-        fitted, _ = regress(color, normal=frame.normal, geometry=geometry, **place, **self.blocks)  # (H, W, 3)
+        side = self.block or (8 if frame.albedo is None else 16)
+        blocks = {"block": side, "offset": (x * side // 8, y * side // 8), "features": self.features}
+        surface = {"normal": frame.normal, "geometry": geometry, "camera": frame.camera, "weight": weight}
+        fitted, _ = regress(color, **surface, **blocks)  # (H, W, 3)
         share = (1 / length).clamp(self.fitted_alpha, 1)  # (H, W)
         smooth = blend(fitted, history[3], share)  # (H, W, 3)
         found = self.find_innovation(fresh, smooth, length, motion, exposure(color))  # (H, W, 3)

@@ -25,8 +25,9 @@ use crate::pipelines::{bmfr, svgf, taa};
 ///     Smallest weight of the new sample in the history, 0 to 1.
 /// fitted_alpha : float, default 0.1
 ///     Smallest weight of the new fit in the history of fits, 0 to 1.
-/// block : int, default 16
-///     Side of the blocks in pixels, 4 to 256. The paper has 32, for images of 1280×720.
+/// block : int, optional
+///     Side of the blocks in pixels, 4 to 256. By default 16, and 8 in frames without albedo, whose texture no feature
+///     tells. The paper has 32, for images of 1280×720.
 /// features : {"fewest", "all"}, default "fewest"
 ///     As in `regress`.
 /// relative_depth, plane_distance, normal_angle : float or (float, float), default 0.1, 0.01 and 25.0
@@ -88,18 +89,18 @@ pub struct BMFR {
 #[pymethods]
 impl BMFR {
     #[new]
-    #[pyo3(signature = (*, alpha=0.05, fitted_alpha=0.1, block=16, features="fewest", relative_depth=Threshold::hard(0.1),
+    #[pyo3(signature = (*, alpha=0.05, fitted_alpha=0.1, block=None, features="fewest", relative_depth=Threshold::hard(0.1),
         plane_distance=Threshold::hard(0.01), normal_angle=Threshold::hard(25.0), by_confidence=false, gradient=true, fireflies=false,
         innovation=true, antialias=true))]
     #[pyo3(
-        text_signature = "(*, alpha=0.05, fitted_alpha=0.1, block=16, features='fewest', relative_depth=0.1, \
+        text_signature = "(*, alpha=0.05, fitted_alpha=0.1, block=None, features='fewest', relative_depth=0.1, \
         plane_distance=0.01, normal_angle=25.0, by_confidence=False, gradient=True, fireflies=False, innovation=True, \
         antialias=True)"
     )]
     fn new(
         alpha: f32,
         fitted_alpha: f32,
-        block: i128,
+        block: Option<i128>,
         features: &str,
         relative_depth: Threshold,
         plane_distance: Threshold,
@@ -128,11 +129,8 @@ impl BMFR {
                 innovation: innovation.then(innovation::Params::default),
                 ..svgf::Params::textbook()
             },
-            regress: regress::Params {
-                block: regress::Params::block(block)?,
-                offset: [0, 0],
-                features: choice("features", features, &regress::Params::FEATURES)?,
-            },
+            block: block.map(regress::Params::block).transpose()?,
+            features: choice("features", features, &regress::Params::FEATURES)?,
             fitted_alpha,
             antialias: antialias.then_some(taa::Params::DENOISED),
         };

@@ -2,11 +2,12 @@
 //!
 //! Blocks lie elsewhere in every frame, so that their borders average out: the N-th fit of a pixel joins those before with
 //! the blend factor max(1/N, fitted_alpha). Emitters are left out of the fits: they shine by themselves, and a block
-//! would spread their light as if it fell on its surfaces.
+//! would spread their light as if it fell on its surfaces. Without albedo, light has texture that no feature tells, and smaller
+//! blocks blur less of it.
 
 use std::ops::Range;
 
-use super::{FITS, LENGTH};
+use super::{FITS, LENGTH, Params};
 use crate::image::{BandMut, Image, Pixels, Records, View};
 use crate::kernels::merge::blend::{self, Alpha, Weighting, blend};
 use crate::kernels::smooth::regress::{self, Features, regress};
@@ -33,7 +34,7 @@ pub fn fit(
     light: Pixels,
     features: Features,
     albedo: Option<Pixels>,
-    params: regress::Params,
+    params: &Params,
     age: usize,
 ) -> Records {
     let size = light.size;
@@ -42,10 +43,12 @@ pub fn fit(
         rows::run(&LeaveEmitters(albedo), size.height, weight.bands());
         weight
     });
-    let block = params.block as i64;
+    let usual = if albedo.is_some() { 16 } else { 8 };
+    let block = params.block.unwrap_or(usual);
     let params = regress::Params {
-        offset: OFFSETS[age % OFFSETS.len()].map(|eighths| eighths * block / 8),
-        ..params
+        block,
+        offset: OFFSETS[age % OFFSETS.len()].map(|eighths| eighths * block as i64 / 8),
+        features: params.features,
     };
     let (mut fit, mut counts) = (Records::blank(size, 3), Image::blank(size, 1));
     let weight = weight.as_ref().map(Image::pixels);

@@ -279,8 +279,10 @@ fn parameters_out_of_range_are_errors() {
         });
     });
     refused(window, "window: expected a radius of 1 or 2, got 3");
-    let mut params = bmfr::Params::default();
-    params.regress.block = 3;
+    let params = bmfr::Params {
+        block: Some(3),
+        ..Default::default()
+    };
     let message = "block: expected 4 to 256 pixels, got 3";
     refused(bmfr::Bmfr::new(params), message);
     let mut params = recirculation::Params::default();
