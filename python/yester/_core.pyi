@@ -812,7 +812,7 @@ class HalfRes(SVGF):
         Radius in pixels of the window from which untraced pixels are reconstructed, 1 to 16.
     iterations : int, default 4
         Passes of the spatial filter, 0 to 16.
-    sigma_luminance : float, default 3.0
+    sigma_luminance : float, default 4.0
         The filter's scale of luminance differences, in standard deviations; above 0.
     relative_noise : float, default 2.0
         As in `SVGF`.
@@ -870,7 +870,7 @@ class HalfRes(SVGF):
         weight: float = 0.3,
         radius: int = 2,
         iterations: int = 4,
-        sigma_luminance: float = 3.0,
+        sigma_luminance: float = 4.0,
         relative_noise: float = 2.0,
         by_confidence: bool = False,
         fireflies: bool = False,

@@ -7,7 +7,7 @@ from .svgf import SVGF
 class HalfRes(SVGF):
     """SVGF of partly traced frames: other pixels are reconstructed, and count as weight / (1 + N) of a sample."""
 
-    def __init__(self, *, alpha=0.2, weight=0.3, radius=2, iterations=4, sigma_luminance=3.0, choice=None, **named):
+    def __init__(self, *, alpha=0.2, weight=0.3, radius=2, iterations=4, sigma_luminance=4.0, choice=None, **named):
         named = {"sigma_luminance": sigma_luminance, "relative_noise": 2.0, **named}
         super().__init__(alpha=alpha, iterations=iterations, radius=2, choice=choice is not False, **named)
         self.choice_with_albedo, self.strictness, self.fewest = choice is True, 1.0, 0.9

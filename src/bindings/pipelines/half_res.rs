@@ -29,7 +29,7 @@ use crate::pipelines::svgf;
 ///     Radius in pixels of the window from which untraced pixels are reconstructed, 1 to 16.
 /// iterations : int, default 4
 ///     Passes of the spatial filter, 0 to 16.
-/// sigma_luminance : float, default 3.0
+/// sigma_luminance : float, default 4.0
 ///     The filter's scale of luminance differences, in standard deviations; above 0.
 /// relative_noise : float, default 2.0
 ///     As in `SVGF`.
@@ -85,10 +85,10 @@ pub struct HalfRes;
 #[pymethods]
 impl HalfRes {
     #[new]
-    #[pyo3(signature = (*, alpha=0.2, weight=0.3, radius=2, iterations=4, sigma_luminance=3.0, relative_noise=2.0,
+    #[pyo3(signature = (*, alpha=0.2, weight=0.3, radius=2, iterations=4, sigma_luminance=4.0, relative_noise=2.0,
         by_confidence=false, fireflies=false, reflections=vec![0.4, 1.2], choice=None, innovation=true, antialias=true))]
     #[pyo3(
-        text_signature = "(*, alpha=0.2, weight=0.3, radius=2, iterations=4, sigma_luminance=3.0, \
+        text_signature = "(*, alpha=0.2, weight=0.3, radius=2, iterations=4, sigma_luminance=4.0, \
         relative_noise=2.0, by_confidence=False, fireflies=False, reflections=(0.4, 1.2), choice=None, innovation=True, antialias=True)"
     )]
     fn new(

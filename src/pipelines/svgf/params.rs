@@ -156,6 +156,7 @@ impl Params {
             atrous: atrous::Params {
                 iterations: 4,
                 radius: 2,
+                sigma_luminance: 4.0,
                 // With 2.5, as in whole frames, lamps leak more; with 1.5, noise stays where light has just changed.
                 relative_noise: 2.0,
                 ..whole.atrous
