@@ -38,8 +38,8 @@ use crate::pixels::PixelsMut;
 pub struct Params {
     /// Of the passes before the regression; those of the spatial filter have no effect.
     pub history: svgf::Params,
-    /// Side of the blocks in pixels; 4 to 256. Where nothing is given, 16, and 8 in frames without albedo, whose texture no
-    /// feature tells.
+    /// Side of the blocks in pixels; 4 to 256. `None` stands for 16, and for 8 in frames without albedo, whose light has texture
+    /// that no feature describes.
     pub block: Option<usize>,
     /// How many features each block is fitted to.
     pub features: regress::Choice,

@@ -2,8 +2,8 @@
 //!
 //! Blocks lie elsewhere in every frame, so that their borders average out: the N-th fit of a pixel joins those before with
 //! the blend factor max(1/N, fitted_alpha). Emitters are left out of the fits: they shine by themselves, and a block
-//! would spread their light as if it fell on its surfaces. Without albedo, light has texture that no feature tells, and smaller
-//! blocks blur less of it.
+//! would spread their light as if it fell on its surfaces. Without albedo, light has texture that no feature
+//! describes, and smaller blocks blur less of it.
 
 use std::ops::Range;
 

@@ -181,6 +181,7 @@ ABLATIONS = (
     _stage("hull of 26 planes", added=True, box="hull", response="current"),
     _stage("exact hull", added=True, box="exact-hull", response="current"),
     _ablation(_BMFR, "innovation", pipeline(BMFR, innovation=False)),
+    _ablation(_BMFR, "small blocks without albedo", pipeline(BMFR, block=16)),
     _ablation(_HALF_RES, "innovation", on_part(quarter, pipeline(HalfRes, innovation=False))),
     _ablation(_HALF_RES, "choice", on_part(quarter, pipeline(HalfRes, choice=False))),
     _ablation(_HALF_RES, "limit of noise", on_part(quarter, pipeline(HalfRes, relative_noise=math.inf))),
