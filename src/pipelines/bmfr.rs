@@ -14,12 +14,12 @@ use std::ops::Range;
 use self::fit::{accumulate_fits, fit};
 use super::correction::{correct, innovate};
 use super::frame::{Frame, Motion, Output, Pipeline, Steps, Summary, Upkeep, names, show};
+use super::history;
 use super::illumination::{
     self, Illumination, illumination, modulated, surfaces, without_fireflies,
 };
 use super::recall::{self, Memory, Recalled};
 use super::repetition::Noise;
-use super::svgf;
 use super::taa::{self, Denoised, Stage};
 use crate::error::{Result, from_0_to_1};
 use crate::image::{Image, Pixels, Records, View};
@@ -36,8 +36,8 @@ use crate::pixels::PixelsMut;
 /// Parameters of [`Bmfr`].
 #[derive(Clone, Debug)]
 pub struct Params {
-    /// Of the passes before the regression; those of the spatial filter have no effect.
-    pub history: svgf::Params,
+    /// How history is recalled, and how samples join it.
+    pub history: history::Params,
     /// Side of the blocks in pixels; 4 to 256. `None` stands for 16, and for 8 in frames without albedo, whose light has texture
     /// that no feature describes.
     pub block: Option<usize>,
@@ -49,21 +49,21 @@ pub struct Params {
     pub antialias: Option<taa::Params>,
 }
 
-/// As [`svgf::ESTIMATED_GRADIENT`]; fits of highlights lose by its wider margin: 5 % relMSE on `glossy_plates`.
+/// As [`history::ESTIMATED_GRADIENT`]; fits of highlights lose by its wider margin: 5 % relMSE on `glossy_plates`.
 pub const ESTIMATED_GRADIENT: gradient::Params = gradient::Params {
     noise: 2.2,
-    ..svgf::ESTIMATED_GRADIENT
+    ..history::ESTIMATED_GRADIENT
 };
 
-/// By our own measurements. What was covered is not told by motion: on frames of colour and motion alone, the mean gains nothing,
+/// By our own measurements. History is not tested by motion: with colour and motion alone, the mean gains nothing by that test,
 /// and `switched_light` loses 0.3 dB.
 impl Default for Params {
     fn default() -> Self {
         Self {
-            history: svgf::Params {
+            history: history::Params {
                 gradient: Some(ESTIMATED_GRADIENT),
                 innovation: Some(innovation::Params::default()),
-                ..svgf::Params::textbook()
+                ..history::Params::plain()
             },
             block: None,
             features: regress::Choice::Fewest,
@@ -245,7 +245,7 @@ impl<'a> Inputs<'a> {
     /// Reprojects the history, and suppresses fireflies if `params` have it. Writes the output's confidence and rejection.
     fn reproject(
         &self,
-        params: &svgf::Params,
+        params: &history::Params,
         memory: Option<Memory>,
         sample: &Image,
         output: &mut Output,
@@ -256,6 +256,7 @@ impl<'a> Inputs<'a> {
             motion: &self.motion,
             texture: self.texture,
             sample,
+            reflections: &[],
         };
         let hold = |known: Option<Pixels>| {
             let limits = params.fireflies?;
@@ -301,7 +302,7 @@ impl<'a> Inputs<'a> {
 
 /// Accumulates the new sample. Returns the new history, its fits not yet written, and the number of missing samples.
 fn merge(
-    params: &svgf::Params,
+    params: &history::Params,
     sample: &Image,
     past: &Recalled,
     confidence: &[f32],

@@ -14,6 +14,7 @@
 pub mod bmfr;
 mod correction;
 mod frame;
+pub mod history;
 mod illumination;
 mod motion_check;
 mod recall;

@@ -5,10 +5,10 @@
 
 use super::correction::{history_factor, scale};
 use super::frame::{Frame, Motion, SurfaceRecords, check_size};
+use super::history::Params;
 use super::illumination::texture;
 use super::reflections::{self, Own};
 use super::replay;
-use super::svgf::Params;
 use crate::error::{Error, Result};
 use crate::image::{Image, Pixels, Records, View};
 use crate::kernels::camera::pinhole::{Camera, Rays};
@@ -232,6 +232,8 @@ pub struct Now<'a> {
     pub texture: Option<Texture<'a>>,
     /// The illumination as it was sampled.
     pub sample: &'a Image,
+    /// Distances behind the surface at which reflections are looked for.
+    pub reflections: &'a [f32],
 }
 
 /// History at the current frame's pixels.
@@ -390,7 +392,7 @@ impl Memory {
         reflections::choose(
             known,
             self.history.pixels(),
-            &now.params.reflections,
+            now.reflections,
             now.frame,
             cameras.into(),
             self.surface.surface(),

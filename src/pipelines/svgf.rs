@@ -20,7 +20,7 @@ use std::cell::OnceCell;
 
 use self::finish::finish;
 use self::merge::{Merged, merge, merge_at_once};
-pub use self::params::{ANTIALIASED, ESTIMATED_GRADIENT, Params};
+pub use self::params::{ANTIALIASED, Params};
 use self::passes::{choose, filter};
 use self::sides::{Joined, expect, join, join_reports};
 use self::still::Still;
@@ -234,8 +234,8 @@ impl Svgf {
         let now = Current {
             params,
             accumulate: match rests {
-                true => params.accumulate.averaging(),
-                false => params.accumulate,
+                true => params.history.accumulate.averaging(),
+                false => params.history.accumulate,
             },
             averages,
             frame,
@@ -252,7 +252,7 @@ impl Svgf {
         let left = run(now, past, still, task, reports, self.antialias.as_mut());
         let missing = left.missing;
         used.extend(left.used);
-        let mut memory = Memory::new(frame, surfaces, left.history, params, first);
+        let mut memory = Memory::new(frame, surfaces, left.history, &params.history, first);
         memory.reflections = left.reflections;
         self.state = Some(State {
             memory,
@@ -477,7 +477,7 @@ impl Current<'_> {
 
     /// The exposure of the history, the unit in which choice and innovation measure errors; 1 if neither is on.
     fn exposure(&self, history: &Records) -> f32 {
-        let judged = self.params.choice.is_some() || self.params.innovation.is_some();
+        let judged = self.params.choice.is_some() || self.params.history.innovation.is_some();
         if judged {
             exposure(history.pixels().part(0..3))
         } else {
@@ -494,7 +494,7 @@ impl Current<'_> {
         exposure: f32,
         reports: &Reports,
     ) -> Option<(Innovation, Records)> {
-        let params = self.params.innovation.filter(|_| self.continues)?;
+        let params = self.params.history.innovation.filter(|_| self.continues)?;
         let length = View::new(self.size(), 1, reports.history_length).into();
         let (fresh, evidence) = (self.fresh(), evidence.as_ref());
         Some(innovate(

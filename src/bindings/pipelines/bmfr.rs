@@ -6,11 +6,10 @@ use super::{FrameArgs, Output, Pipeline};
 use crate::bindings::arrays::choice;
 use crate::kernels::fetch::validate;
 use crate::kernels::fetch::validate::Threshold;
-use crate::kernels::judge::innovation;
 use crate::kernels::merge::accumulate;
 use crate::kernels::smooth::{fireflies, regress};
 use crate::pipelines::Pipeline as _;
-use crate::pipelines::{bmfr, svgf, taa};
+use crate::pipelines::{bmfr, history};
 
 /// Block-wise multi-order feature regression of a sequence of frames.
 ///
@@ -111,28 +110,29 @@ impl BMFR {
         innovation: bool,
         antialias: bool,
     ) -> PyResult<PyClassInitializer<Self>> {
+        let default = bmfr::Params::default();
         let params = bmfr::Params {
-            history: svgf::Params {
+            history: history::Params {
                 surface: validate::Params {
                     relative_depth,
                     plane_distance,
                     normal_angle,
-                    ..bmfr::Params::default().history.surface
+                    ..default.history.surface
                 },
                 accumulate: accumulate::Params {
                     alpha,
-                    ..Default::default()
+                    ..default.history.accumulate
                 },
                 by_confidence,
-                gradient: gradient.then_some(bmfr::ESTIMATED_GRADIENT),
+                gradient: default.history.gradient.filter(|_| gradient),
                 fireflies: fireflies.then(fireflies::Params::default),
-                innovation: innovation.then(innovation::Params::default),
-                ..svgf::Params::textbook()
+                innovation: default.history.innovation.filter(|_| innovation),
+                ..default.history
             },
             block: block.map(regress::Params::block).transpose()?,
             features: choice("features", features, &regress::Params::FEATURES)?,
             fitted_alpha,
-            antialias: antialias.then_some(taa::Params::DENOISED),
+            antialias: default.antialias.filter(|_| antialias),
         };
         let inner = bmfr::Bmfr::new(params)?;
         Ok(Pipeline::made(Self { inner }))

@@ -5,10 +5,9 @@ use pyo3::prelude::*;
 use super::Pipeline;
 use super::svgf::SVGF;
 use crate::error::whole;
-use crate::kernels::judge::innovation;
 use crate::kernels::merge::accumulate;
 use crate::kernels::smooth::{atrous, fireflies, joint_bilateral, lend};
-use crate::pipelines::svgf;
+use crate::pipelines::{history, svgf};
 
 /// Denoise frames of which only a part is traced, such as one pixel of each 2×2, another one in each frame.
 ///
@@ -111,9 +110,15 @@ impl HalfRes {
         };
         let whole = svgf::Params::half_res(lend::Params { weight, window });
         let params = svgf::Params {
-            accumulate: accumulate::Params {
-                alpha,
-                ..whole.accumulate
+            history: history::Params {
+                accumulate: accumulate::Params {
+                    alpha,
+                    ..whole.history.accumulate
+                },
+                by_confidence,
+                fireflies: fireflies.then(fireflies::Params::default),
+                innovation: whole.history.innovation.filter(|_| innovation),
+                ..whole.history
             },
             atrous: atrous::Params {
                 iterations: atrous::Params::iterations(iterations)?,
@@ -121,12 +126,9 @@ impl HalfRes {
                 relative_noise,
                 ..whole.atrous
             },
-            by_confidence,
-            fireflies: fireflies.then(fireflies::Params::default),
             reflections,
             choice: whole.choice.filter(|_| choice != Some(false)),
             choice_with_albedo: choice == Some(true),
-            innovation: innovation.then(innovation::Params::default),
             antialias: whole.antialias.filter(|_| antialias),
             ..whole
         };

@@ -762,7 +762,7 @@ fn split<'py>(
     if !both_sides && stage.unguided_alpha != unguided {
         changed.set_item("unguided_alpha", stage.unguided_alpha)?;
     }
-    if params.innovation.is_some() {
+    if params.history.innovation.is_some() {
         changed.set_item("innovation", true)?;
     }
     if stage.choice != pipelines::taa::Params::DENOISED.choice {

@@ -4,12 +4,11 @@ use pyo3::prelude::*;
 
 use super::{FrameArgs, History, Output, Parts, Pipeline, split};
 use crate::kernels::fetch::validate::{self, Threshold};
-use crate::kernels::judge::{choice, innovation};
 use crate::kernels::merge::accumulate;
 use crate::kernels::smooth::guide::Sigmas;
 use crate::kernels::smooth::{atrous, fireflies, variance};
 use crate::pipelines::Pipeline as _;
-use crate::pipelines::{svgf, taa};
+use crate::pipelines::{history, svgf, taa};
 
 /// Spatiotemporal variance-guided filtering of a sequence of frames.
 ///
@@ -208,31 +207,38 @@ impl SVGF {
             depth: sigma_depth,
             plane: sigma_plane,
         };
-        let limits = validate::Params::default();
         if let Some(albedo) = relative_albedo {
             albedo.check_luminance("relative_albedo")?;
         }
+        let default = svgf::Params::default();
+        let limits = default.history.surface;
         let params = svgf::Params {
-            surface: validate::Params {
-                relative_depth,
-                plane_distance,
-                normal_angle,
-                motion_difference,
-                relative_luminance: relative_albedo.unwrap_or(limits.relative_luminance),
-                ..limits
-            },
-            same_albedo: relative_albedo.is_some(),
-            accumulate: accumulate::Params {
-                alpha,
-                moments_alpha,
-                warmup: true,
+            history: history::Params {
+                surface: validate::Params {
+                    relative_depth,
+                    plane_distance,
+                    normal_angle,
+                    motion_difference,
+                    relative_luminance: relative_albedo.unwrap_or(limits.relative_luminance),
+                    ..limits
+                },
+                same_albedo: relative_albedo.is_some(),
+                coherence,
+                accumulate: accumulate::Params {
+                    alpha,
+                    moments_alpha,
+                    ..default.history.accumulate
+                },
+                by_confidence,
+                gradient: default.history.gradient.filter(|_| gradient),
+                fireflies: fireflies.then(fireflies::Params::default),
+                innovation: default.history.innovation.filter(|_| innovation),
             },
             average_still,
-            coherence,
             variance: variance::Params {
                 min_length,
                 sigmas,
-                ..Default::default()
+                ..default.variance
             },
             atrous: atrous::Params {
                 iterations: atrous::Params::iterations(iterations)?,
@@ -242,18 +248,11 @@ impl SVGF {
                 sigmas,
             },
             feedback,
-            by_confidence,
-            gradient: gradient.then_some(svgf::ESTIMATED_GRADIENT),
-            fireflies: fireflies.then(fireflies::Params::default),
-            choice: choice.then(choice::Params::default),
-            choice_with_albedo: true,
-            innovation: innovation.then(innovation::Params::default),
+            choice: default.choice.filter(|_| choice),
             reflections,
-            antialias: antialias.then_some(taa::Params {
-                choice,
-                ..svgf::ANTIALIASED
-            }),
-            lend: None,
+            antialias: (default.antialias.filter(|_| antialias))
+                .map(|stage| taa::Params { choice, ..stage }),
+            ..default
         };
         let inner = svgf::Svgf::new(params)?;
         Ok(Pipeline::made(Self { inner }))

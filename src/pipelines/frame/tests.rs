@@ -262,7 +262,7 @@ fn parameters_out_of_range_are_errors() {
     let message = format!("radius: expected 0 to 16 pixels, got {}", usize::MAX);
     refused(radius, &message);
     let levels = svgf(|params| {
-        params.innovation = Some(innovation::Params {
+        params.history.innovation = Some(innovation::Params {
             levels: 9,
             ..Default::default()
         });

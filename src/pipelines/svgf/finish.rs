@@ -62,7 +62,7 @@ pub fn finish(
         let motion = seen.unwrap_or(now.motion.pixels());
         let denoised = Denoised {
             color: color.pixels(),
-            corrects: now.params.innovation.is_some(),
+            corrects: now.params.history.innovation.is_some(),
             repeats: now.repeats,
             tested: None,
         };

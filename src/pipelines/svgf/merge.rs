@@ -28,15 +28,16 @@ pub fn merge(
     let (params, texture) = (now.params, now.texture);
     let size = now.size();
     let hold = |known: Option<Pixels>| {
-        (params.fireflies)
+        (params.history.fireflies)
             .map(|params| without_fireflies(sample, known, texture, now.guide(), params))
     };
     let frame = recall::Now {
-        params,
+        params: &params.history,
         frame: now.frame,
         motion: now.motion,
         texture,
         sample,
+        reflections: &params.reflections,
     };
     let recalled = recall::recall(
         &frame,
@@ -59,7 +60,7 @@ pub fn merge(
     };
     let images = Images {
         parts: [0..3, 3..5, 5..6].map(|part| known.pixels().part(part)),
-        confidence: (params.by_confidence).then(|| View::new(size, 1, reports.confidence)),
+        confidence: (params.history.by_confidence).then(|| View::new(size, 1, reports.confidence)),
     };
     let mut history = Records::blank(size, CHANNELS);
     let outs = merged(&mut history, reports.history_length);
@@ -74,7 +75,7 @@ pub fn merge(
 
 /// [`merge`] in one sweep, without images in between: for parameters by which no pass reads neighbouring pixels.
 pub fn merge_at_once(now: &Current, memory: Option<Memory>, reports: &mut Reports) -> Merged {
-    let (params, size) = (now.params, now.size());
+    let (params, size) = (&now.params.history, now.size());
     let samples = Samples {
         size,
         color: &now.fresh(),

@@ -1,26 +1,22 @@
 //! The parameters of [`Svgf`](super::Svgf), and the presets.
 
 use crate::error::{Result, in_range};
-use crate::kernels::fetch::validate;
-use crate::kernels::judge::{choice, gradient, innovation, neighborhood};
+use crate::kernels::judge::{choice, gradient, neighborhood};
 use crate::kernels::merge::accumulate;
 use crate::kernels::smooth::guide::Sigmas;
-use crate::kernels::smooth::{atrous, fireflies, lend, variance};
+use crate::kernels::smooth::{atrous, lend, variance};
 use crate::math::smaller;
+use crate::pipelines::history::{self, ESTIMATED_GRADIENT};
 use crate::pipelines::taa;
 
 /// Parameters of [`Svgf`](super::Svgf).
 #[derive(Clone, Debug)]
 pub struct Params {
-    /// The tests that history must pass.
-    pub surface: validate::Params,
-    /// How samples join the history.
-    pub accumulate: accumulate::Params,
+    /// How history is recalled, and how samples join it.
+    pub history: history::Params,
     /// Whether they join without forgetting in frames in which nothing moves. With `choice`, the result then takes its
     /// detail from their mean.
     pub average_still: bool,
-    /// Whether depth alone tells surfaces apart where normals and ids change from pixel to pixel and from frame to frame.
-    pub coherence: bool,
     /// How the variance is estimated.
     pub variance: variance::Params,
     /// The filter. It knows the numbers of samples in frames with no guide but depth alone, if `relative_noise` is finite.
@@ -28,22 +24,11 @@ pub struct Params {
     /// Whether the first pass of the filter, instead of its input, is the next frame's history. Not in a step that joins later
     /// frames: they have seen the next frame's samples.
     pub feedback: bool,
-    /// Whether history must be of the same albedo, by the surface's threshold of luminance.
-    pub same_albedo: bool,
-    /// Whether the new sample's share rises where less than the whole footprint of history is valid.
-    pub by_confidence: bool,
-    /// Whether history is shortened where the light changes, and how the change is estimated; frames with a replay tell it,
-    /// and correct their history by it.
-    pub gradient: Option<gradient::Params>,
-    /// Whether outliers are held down.
-    pub fireflies: Option<fireflies::Params>,
     /// Whether each tile gets as many passes of the filter, up to one more than `atrous.iterations`, as predicted best; not
     /// where the noise of frames repeats, which is looked for.
     pub choice: Option<choice::Params>,
     /// Whether that is also done in frames that have albedo. Without it, a fixed number of passes blurs texture.
     pub choice_with_albedo: bool,
-    /// Whether the innovation, what new samples show beside the prediction, corrects result and history.
-    pub innovation: Option<innovation::Params>,
     /// Distances behind the surface at which reflections are looked for, in units of depth; above 0, +inf included.
     pub reflections: Vec<f32>,
     /// The output stage.
@@ -51,15 +36,6 @@ pub struct Params {
     /// For frames of which only a part is traced: samples for the rest.
     pub lend: Option<lend::Params>,
 }
-
-/// A lamp that travels changes all of the light by less than the noise of a few pixels, so windows of three widths are
-/// tested. The wider margin compensates for three tests instead of one: with 2.3, the noise of `caustics` counts as changes
-/// (3 % more relMSE); with 2.6, `naked_lamps` and `sunlit_teapot` keep old light (1 % more).
-pub const ESTIMATED_GRADIENT: gradient::Params = gradient::Params {
-    noise: 2.4,
-    passes: 3,
-    widest: 5,
-};
 
 /// After n frames in which nothing moved, the margin of noise that the gradient ignores is multiplied by √(n/10), with n/10
 /// clamped to 1 to 16: a false alarm costs the more samples, the longer they have been averaged.
@@ -84,7 +60,12 @@ pub const ANTIALIASED: taa::Params = taa::Params {
 /// By our own measurements.
 impl Default for Params {
     fn default() -> Self {
+        let textbook = Self::textbook();
         Self {
+            history: history::Params {
+                accumulate: textbook.history.accumulate,
+                ..Default::default()
+            },
             variance: variance::Params {
                 sigmas: SIGMAS,
                 ..Default::default()
@@ -96,16 +77,11 @@ impl Default for Params {
                 sigmas: SIGMAS,
                 ..Default::default()
             },
-            coherence: true,
-            gradient: Some(ESTIMATED_GRADIENT),
             choice: Some(choice::Params::default()),
-            choice_with_albedo: true,
-            innovation: Some(innovation::Params::default()),
             reflections: vec![0.4, 1.2],
             antialias: Some(ANTIALIASED),
             feedback: false,
-            surface: validate::Params::default(),
-            ..Self::textbook()
+            ..textbook
         }
     }
 }
@@ -114,29 +90,22 @@ impl Params {
     /// The paper's passes: accumulation by its α, variance, and filter, whose first pass feeds back.
     pub fn textbook() -> Self {
         Self {
-            surface: validate::Params {
-                motion_difference: validate::Threshold::hard(f32::INFINITY),
-                ..Default::default()
-            },
-            accumulate: accumulate::Params {
-                alpha: 0.2,
-                ..Default::default()
+            history: history::Params {
+                accumulate: accumulate::Params {
+                    alpha: 0.2,
+                    ..Default::default()
+                },
+                ..history::Params::plain()
             },
             average_still: false,
-            coherence: false,
             variance: variance::Params::default(),
             atrous: atrous::Params {
                 relative_noise: f32::INFINITY,
                 ..Default::default()
             },
             feedback: true,
-            same_albedo: false,
-            by_confidence: false,
-            gradient: None,
-            fireflies: None,
             choice: None,
             choice_with_albedo: true,
-            innovation: None,
             reflections: vec![],
             antialias: None,
             lend: None,
@@ -161,12 +130,15 @@ impl Params {
                 relative_noise: 2.0,
                 ..whole.atrous
             },
-            // Windows twice as wide have as many samples.
-            gradient: Some(gradient::Params {
-                passes: ESTIMATED_GRADIENT.passes + 1,
-                widest: ESTIMATED_GRADIENT.widest + 1,
-                ..ESTIMATED_GRADIENT
-            }),
+            history: history::Params {
+                // Windows twice as wide have as many samples.
+                gradient: Some(gradient::Params {
+                    passes: ESTIMATED_GRADIENT.passes + 1,
+                    widest: ESTIMATED_GRADIENT.widest + 1,
+                    ..ESTIMATED_GRADIENT
+                }),
+                ..whole.history
+            },
             // A tile of a partly traced frame has few samples to judge by, so that rare bright ones may decide. With albedo, most
             // scenes gain too little by the choice to make up for the highlights that lose by this.
             choice: Some(choice::Params {
@@ -190,15 +162,10 @@ impl Params {
         self.choice.is_some() && (self.choice_with_albedo || !with_albedo)
     }
 
-    /// Whether history is tested by motion, where no depth is known.
-    pub(in crate::pipelines) fn tests_motion(&self) -> bool {
-        self.surface.motion_difference.none < f32::INFINITY
-    }
-
     /// For a frame whose noise is that of the frame before. However many samples its history counts, they are worth one, so
     /// that the variance is estimated in space, for one sample.
     pub(super) fn repeated(&self) -> Self {
-        let longest = 1.0 / self.accumulate.alpha;
+        let longest = 1.0 / self.history.accumulate.alpha;
         Self {
             choice: None,
             variance: variance::Params {
@@ -218,10 +185,13 @@ impl Params {
         let [first, most] = PATIENCE;
         let patience = (frames as f32 / first).clamp(1.0, most).sqrt();
         Self {
-            gradient: self.gradient.map(|gradient| gradient::Params {
-                noise: gradient.noise * patience,
-                ..gradient
-            }),
+            history: history::Params {
+                gradient: self.history.gradient.map(|gradient| gradient::Params {
+                    noise: gradient.noise * patience,
+                    ..gradient
+                }),
+                ..self.history
+            },
             ..self.clone()
         }
     }
@@ -233,7 +203,7 @@ impl Params {
             ..self.atrous
         };
         let lent = self.lend.map_or(0, |lend| lend.window.radius);
-        let spread = self.fireflies.map_or(0, |fireflies| fireflies.radius);
+        let spread = self.history.fireflies.map_or(0, |fireflies| fireflies.radius);
         (filter.reach().max(self.variance.radius))
             .max(lent)
             .max(spread)
@@ -251,23 +221,19 @@ impl Params {
     /// Whether a pass before the filter reads neighbouring pixels, or one after it the reprojected history: both need whole
     /// images, so that the merge cannot be fused.
     pub(super) fn looks_around(&self) -> bool {
-        let fills = self.fireflies.is_some() || self.lend.is_some();
+        let fills = self.history.fireflies.is_some() || self.lend.is_some();
         let asks = !self.reflections.is_empty() || self.choice.is_some();
-        self.gradient.is_some() || self.coherence || fills || asks
+        self.history.gradient.is_some() || self.history.coherence || fills || asks
     }
 
     /// An error if a parameter is out of range.
     pub fn check(&self) -> Result<()> {
-        self.surface.check()?;
-        self.accumulate.check()?;
+        self.history.check()?;
         self.variance.check()?;
         self.atrous.check()?;
         self.choice.iter().try_for_each(choice::Params::check)?;
-        (self.innovation.iter()).try_for_each(innovation::Params::check)?;
-        (self.fireflies.iter()).try_for_each(fireflies::Params::check)?;
         (self.antialias.iter()).try_for_each(taa::Params::check)?;
         self.lend.iter().try_for_each(lend::Params::check)?;
-        self.gradient.iter().try_for_each(gradient::Params::check)?;
         for &distance in &self.reflections {
             in_range("reflections", distance, "distances above 0", |v| v > 0.0)?;
         }
