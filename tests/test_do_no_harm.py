@@ -74,8 +74,8 @@ def record(tmp_path_factory):
         sequence = part(name)
         every = range(len(sequence.cameras))
         made = {
-            "noisy": (every, (frame for (frame,) in recording._noisy(sequence, every, seed=0))),
-            "clean": (CLEAN, recording._clean(sequence, CLEAN, spp=64)),
+            "noisy": (every, (frame for (frame,) in recording.render_noisy(sequence, every, seed=0))),
+            "clean": (CLEAN, recording.render_clean(sequence, CLEAN, spp=64)),
             "raw": (every, recording._raw_albedo(sequence, every, seed=0)),
         }
         paths = []

@@ -11,9 +11,9 @@ import pytest
 import yester
 import yester.io
 import yester.io.mitsuba
+import yester.judge
 import yester.live
 import yester.metrics
-import yester.study
 from yester import cli
 
 ROOT = Path(__file__).parents[1]
@@ -64,7 +64,7 @@ def test_commands(path):
 
 def public():
     """Every public name with its module."""
-    modules = (yester, yester.io, yester.live, yester.metrics, yester.study)
+    modules = (yester, yester.io, yester.judge, yester.live, yester.metrics)
     names = {f"{module.__name__}.{name}" for module in modules for name in module.__all__}
     functions = vars(yester.io.mitsuba)
     return names | {
@@ -135,6 +135,17 @@ def rows(path, heading):
     text = path.read_text("utf-8").partition(f"\n{heading}\n")[2]
     table = re.search(r"^\|.*\n\|[-|]+\n((?:\|.*\n)+)", text, re.M)
     return [[cell.strip() for cell in line.strip("|").split(" | ")] for line in table[1].splitlines()]
+
+
+def test_tables_list_every_kernel():
+    """The tables of README and of how it works have each compiled function once."""
+    kernels = [name for name in yester.__all__ if isinstance(getattr(yester, name), types.BuiltinFunctionType)]
+    for path, heading in (
+        (ROOT / "README.md", "## Which pipeline"),
+        (DOCS / "how_it_works.md", "## The flow of a frame"),
+    ):
+        names = [name for cells in rows(path, heading) for name in re.findall(r"`(\w+)`", cells[-1])]
+        assert sorted(names) == sorted(kernels), named(path)
 
 
 def write_planes(path, names, rng):

@@ -372,6 +372,8 @@ def test_text_in_another_encoding(tmp_path, several):
     assert_same_bits(io.read_exr(path).color, want.color)
     plate = io.read_plate(path)
     io.write_exr(tmp_path / "again.exr", plate.frame, like=plate)
+    with pytest.raises(TypeError, match=r"^like: expected what `read_plate` returns, got str"):
+        io.write_exr(tmp_path / "again.exr", plate.frame, like="a.exr")
     again = OpenEXR.File(str(tmp_path / "again.exr")).parts[0].header
     assert (again["owner"], again["comments"]) == ("J?rgen", "whole")
     assert again["users"] == [200 * "-", "J?rgen"]
@@ -511,6 +513,11 @@ def test_bad_sequence_output(tmp_path):
         io.write_sequence(tmp_path / "file" / "folder", never())
     with pytest.raises(ValueError, match=r"names: expected each only once, got \['a\.exr'\]"):
         io.write_sequence(tmp_path / "new", never(), names=["a.exr", "b.exr", "a.exr"])
+    with pytest.raises(ValueError, match=r"names: expected each only once, got \['a\.exr'\]"):
+        io.write_sequence(tmp_path / "new", never(), names=["a.exr", "./a.exr"])
+    for name in ("../a.exr", "b/a.exr", ""):
+        with pytest.raises(ValueError, match=f"names: expected names of files in the folder, got '{name}'"):
+            io.write_sequence(tmp_path / "new", never(), names=[name])
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
     for count in (1, 3):
         with pytest.raises(ValueError, match="names: expected one per frame"):

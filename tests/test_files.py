@@ -364,7 +364,7 @@ def test_bad_options(tmp_path, capsys):
         (("--map", "normal=M.X,M.Y,M.Z"), "normal: no channel 'M.X'"),
         (("--map", "depth.near=far"), "--map depth.near: expected numbers"),
         (("--map", "depth.near=nan"), "depth.near: expected a number"),
-        (("--map", "motion.scale=nan"), "motion.scale: expected numbers"),
+        (("--map", "motion.scale=nan"), "motion.scale: expected a number"),
         (("--map", "none.toml"), "none.toml: No such file"),
         (("--view", "left"), "the file has no views"),
     ):

@@ -45,6 +45,12 @@ def test_the_nearest_surface_stays():
     np.testing.assert_array_equal(yester.invert_motion(motion, np.float32([[3, 2, 1]]))[0, 1], [0, 0, 0])
 
 
+def test_without_depth_changes_of_depth_do_not_matter():
+    motion = compare.motions(np.random.default_rng(0), 20, 30, 3)
+    motion[..., 2] -= 2
+    assert_same_bits(yester.invert_motion(motion)[..., :2], yester.invert_motion(motion[..., :2]))
+
+
 def test_cracks_are_closed_and_holes_stay():
     """Points that move apart by 5 % leave no gap between them; uncovered pixels stay unknown."""
     y, x = np.mgrid[:40, :60].astype(np.float32)

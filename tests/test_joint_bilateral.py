@@ -142,6 +142,17 @@ def test_straight_slopes_stay_straight(scale):
         np.testing.assert_allclose(got[inner], want[inner], atol=0.05 * scale)
 
 
+@pytest.mark.parametrize("scale", [1, 2, 3, 4])
+@pytest.mark.parametrize("radius", [1, 2])
+def test_mirrored_samples_give_the_mirrored_image(scale, radius):
+    """The window reaches as far to one side of a pixel as to the other, also where samples lie between pixels."""
+    low = compare.colors(np.random.default_rng(0), 12, 15)
+    ids = np.ones((12 * scale, 15 * scale), np.uint32)
+    want = yester.joint_bilateral_upsample(low, ids=ids, scale=scale, radius=radius)
+    got = yester.joint_bilateral_upsample(low[::-1, ::-1], ids=ids, scale=scale, radius=radius)[::-1, ::-1]
+    np.testing.assert_allclose(got, want, rtol=1e-5, atol=1e-6)
+
+
 def test_nothing_crosses():
     """Neither ids, nor the border to the background, nor steps in depth, nor corners."""
     color = np.ones((32, 64, 3), np.float32)

@@ -407,7 +407,11 @@ def test_mapping_of_what_is_recognised(tmp_path, shot):
         ({"motion": {"channels": ["R", "G"], "unit": "px"}}, "motion.unit: expected pixels or uv or ndc, got 'px'"),
         ({"motion": {"units": "uv"}}, r"got 'units' \(perhaps unit\)"),
         ({"motion": {"unit": "uv"}}, "motion: expected channels"),
-        ({"motion": {"channels": ["R", "G"], "scale": 0}}, "scale: expected numbers other than 0"),
+        (
+            {"motion": {"channels": ["R", "G"], "scale": 0}},
+            "scale: expected a number other than 0, or 3 of them, got 0",
+        ),
+        ({"motion": {"channels": ["R", "G"], "scale": [1, 2, 3, 4]}}, "scale: expected a number other than 0, or 3 of"),
         ({"depth": {"channels": ["R"], "near": "here"}}, "near: expected a number"),
         ({"depth": {"channels": [3]}}, "depth: expected names of channels"),
         ({"color": []}, "no colour"),

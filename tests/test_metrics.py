@@ -455,6 +455,8 @@ def test_lag_names_bad_input():
         lag(0.5)
     with pytest.raises(ValueError, match=r"^ghosts: 1 of 2 values are not finite"):
         lag([0.5, np.nan])
+    with pytest.raises(ValueError, match=r"^threshold: expected a weight from 0, got -0.1"):
+        lag([0.5], -0.1)
 
 
 def test_registry_is_of_this_module():
@@ -570,6 +572,8 @@ def test_values_that_are_no_floats_are_named(measure):
         with pytest.raises(TypeError, match=rf"^image: expected floats, got {np.dtype(dtype)}{advice}$"):
             measure(np.ones((11, 11, 3), dtype), *floats)
     assert Picture(np.ones((1, 1, 3), np.float16)).linear.dtype == np.float64
+    with pytest.raises(TypeError, match="^image: expected an array without a mask"):
+        measure(np.ma.masked_less(np.ones((11, 11, 3)), 2), *floats)
 
 
 def test_flip_without_its_package_names_the_extra(monkeypatch):

@@ -3,6 +3,7 @@
 import copy
 import inspect
 import pickle
+import threading
 
 import numpy as np
 import pytest
@@ -121,3 +122,25 @@ def test_no_preset_is_called_so_by_the_error():
         yester.TAA("seeds")
     assert "'seed'" not in str(error.value)
     assert '"seed"' not in str(error.value)
+
+
+def test_a_second_thread_is_told_so():
+    """The interpreter's lock is free during a step, so that another thread may call the same pipeline."""
+    pipeline = yester.TAA()
+    frame = yester.Frame(np.ones((600, 800, 3), np.float32))
+    errors: list[RuntimeError] = []
+
+    def work():
+        while not errors:
+            try:
+                pipeline.step(frame)
+            except RuntimeError as error:
+                errors.append(error)
+
+    threads = [threading.Thread(target=work) for _ in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert str(errors[0]) == "TAA: expected one thread at a time, got a call while another thread is in a step"
+    assert pipeline.step(frame).color.shape == (600, 800, 3)

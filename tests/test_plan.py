@@ -12,8 +12,8 @@ import yester
 from compare import assert_same_bits
 from test_cli import refused, run
 from yester.io import read_exr, write_exr
+from yester.judge import predictive_error
 from yester.plan import _cropped, _windows
-from yester.study import predictive_error
 
 SIZE = 96, 64
 
@@ -117,8 +117,13 @@ def test_bad_input_of_the_judge(moving):
         predictive_error(images[:7], images, moving)
     with pytest.raises(ValueError, match="frames: expected at least two from `start` on, got 8 and start 7"):
         predictive_error(images, images, moving, start=7)
-    with pytest.raises(ValueError, match="tile: expected at least 1, got 0"):
-        predictive_error(images, images, moving, tile=0)
+    for tile in (0, 1.5):
+        with pytest.raises(ValueError, match=f"tile: expected a whole number from 1, got {tile}"):
+            predictive_error(images, images, moving, tile=tile)
+    with pytest.raises(ValueError, match=r"^second\[1\]: expected shape"):
+        predictive_error(images, [images[0], images[1][1:], *images[2:]], moving)
+    with pytest.raises(TypeError, match=r"^first\[0\]: expected an array without a mask"):
+        predictive_error([np.ma.masked_less(images[0], 1), *images[1:]], images, moving)
 
 
 # The plan

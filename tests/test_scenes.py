@@ -6,7 +6,7 @@ import pytest
 import yester
 from compare import assert_same_bits
 from yester.io.mitsuba import render_sequence
-from yester.study.rendered import scenes
+from yester.study.rendered import build, scenes
 
 pytestmark = pytest.mark.slow
 
@@ -146,7 +146,7 @@ def test_sunlit_teapot():
     (frame,) = render_sequence({"type": "scene", "sky": sky}, [camera], spp=4)
     bright = np.argwhere(frame.emission[..., 0] > 100)
     np.testing.assert_allclose(bright.mean(0), 10, atol=0.5)
-    picture = scenes._sky(sun)
+    picture = build.sky(sun)
     polar = (np.arange(256)[:, None] + 0.5) / 256 * np.pi
     light = (picture[..., 1] * np.sin(polar) * np.cos(polar))[:128]
     shining = picture[:128, :, 0] > 100

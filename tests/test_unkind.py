@@ -6,7 +6,7 @@ import pytest
 from compare import assert_same_bits
 from test_scenes import ids, render
 from yester.io import read_exr
-from yester.study.rendered import held_out, recording, scenes, sequences, thin, unkind, unseen
+from yester.study.rendered import build, held_out, recording, scenes, sequences, thin, unkind, unseen
 from yester.study.rendered.recording import record
 from yester.study.rendered.sequences import GROUPS, LATE, NAMES, THIN
 
@@ -16,11 +16,12 @@ pytestmark = pytest.mark.slow
 def test_names():
     """Each sequence is in one group, and is found by its name."""
     known = (*NAMES, *LATE, *THIN)
+    assert {*known} == build.BUILDERS.keys()
     assert len({*known}) == len(known) == sum(map(len, GROUPS.values())) - len(GROUPS["all"])
     assert GROUPS["all"] == NAMES
     assert GROUPS["late-held-out"] == LATE == held_out.NAMES
     assert NAMES[: len(scenes.SEQUENCES) + len(unkind.NAMES)] == scenes.SEQUENCES + unkind.NAMES
-    for module in (unkind, held_out, thin):
+    for module in (unkind, unseen, held_out, thin):
         assert sorted(module.__all__) == sorted(["NAMES", *module.NAMES])
     for name in known:
         assert sequences.find(name).__name__ == name
@@ -38,10 +39,10 @@ def test_recordings_outlive_other_sequences(monkeypatch):
         return {name: recording._digest(sequences.find(name)) for name in ("cornell_box", "grass", "cut", "carousel")}
 
     before = digests(None)
-    for module, name in ((unkind, "grass"), (unseen, "cut"), (held_out, "carousel")):
+    for module, name in ((scenes, "cornell_box"), (unkind, "grass"), (unseen, "cut"), (held_out, "carousel")):
         after = digests(module)
         assert {n for n in before if before[n] != after[n]} == {name}
-    for module in (scenes, recording.renderer):
+    for module in (build, recording.renderer):
         assert not set(digests(module).values()) & set(before.values())
 
 
@@ -185,7 +186,7 @@ def test_shallow_focus(tmp_path):
     only = masks[1] & ~masks[0]
     assert 0.05 < mixed[only].mean() < 0.95
     # Frames and the reference differ by noise alone.
-    frames = [next(recording._noisy(sequence, range(2, 3), seed))[0].color for seed in range(20, 32)]
+    frames = [next(recording.render_noisy(sequence, range(2, 3), seed))[0].color for seed in range(20, 32)]
     reference = one.reference(2)
     assert abs(np.mean(frames, 0) - reference).mean() < 0.5 * abs(frames[0] - reference).mean()
     assert np.mean(frames) == pytest.approx(reference.mean(), rel=0.03)

@@ -8,8 +8,6 @@ can be used alone: `motion_vectors`, `reproject`, `consistency`, `accumulate`, `
 Examples in docstrings assume ``import numpy as np`` and ``import yester``.
 """
 
-from enum import IntFlag as _IntFlag
-
 from ._core import (
     BMFR,
     SVGF,
@@ -73,59 +71,8 @@ from .check import Finding, check, check_motion
 from .frame import Frame
 from .oidn import OIDN
 from .plan import Plan, Planned, Stage, plan
+from .rejection import Rejection
 from .sequence import denoise
-
-
-class Rejection(_IntFlag):
-    """The tests that a pixel's history failed: bits of the masks of `consistency` and `Output.rejection`.
-
-    Attributes
-    ----------
-    OUTSIDE
-        The history lies outside the previous frame.
-    DEPTH
-        It has another depth than expected.
-    NORMAL
-        It has another orientation.
-    ID
-        It is another object.
-    VELOCITY
-        The motion is longer than allowed.
-    LUMINANCE
-        It has another brightness.
-    MOTION
-        It moved otherwise.
-
-    See Also
-    --------
-    consistency : The tests.
-    Output : Its `rejection` has these bits.
-
-    Examples
-    --------
-    >>> rejection = np.array([[0, 2], [6, 1]], np.uint8)
-    >>> yester.Rejection(int(rejection[1, 0]))
-    <Rejection.DEPTH|NORMAL: 6>
-    >>> rejection & yester.Rejection.DEPTH != 0
-    array([[False,  True],
-           [ True, False]])
-    """
-
-    OUTSIDE = 1
-    """The history lies outside the previous frame."""
-    DEPTH = 2
-    """It has another depth than expected."""
-    NORMAL = 4
-    """It has another orientation."""
-    ID = 8
-    """It is another object."""
-    VELOCITY = 16
-    """The motion is longer than allowed."""
-    LUMINANCE = 32
-    """It has another brightness."""
-    MOTION = 64
-    """It moved otherwise."""
-
 
 __all__ = [
     "BMFR",

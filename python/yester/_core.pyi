@@ -331,7 +331,7 @@ class Accumulated:
     history_length : (H, W) float32
         History length in samples, up to 1/alpha where a sample was merged.
     missing : int
-        Pixels whose new sample was not finite.
+        Pixels whose new sample was not finite, or of weight 0 or NaN.
 
     See Also
     --------
@@ -354,7 +354,7 @@ class Accumulated:
         """History length in samples, up to 1/alpha: (H, W) float32."""
     @property
     def missing(self) -> int:
-        """Number of pixels whose new sample was not finite."""
+        """Number of pixels whose new sample was not finite, or of weight 0 or NaN."""
 
 @final
 class Output:
@@ -665,8 +665,8 @@ class SVGF(Pipeline):
     Notes
     -----
     The method is that of Schied et al. [1]_, with their later gradient [2]_. Each step consists of this package's
-    functions and gives their bits: `is_reflectance` (if there are ids), `demodulate`, `suppress_fireflies`,
-    `motion_vectors`, `reproject` (with `consistency`), `incoherent_guides`, `light_change` (without a replay),
+    functions and gives their bits: `motion_vectors`, `is_reflectance` (if there are ids), `demodulate`, `repetition`,
+    `reproject` (with `consistency`), `incoherent_guides`, `light_change` (without a replay), `suppress_fireflies`,
     `temporal_gradient`, `virtual_motion` and `prediction_gain`, `accumulate`, `combine_histories` (with `later`),
     `choice`, `estimate_variance`, `atrous`, `compare_candidates` and `innovation` (with the `exposure` of the history),
     `remodulate`, those of `TAA`, `innovation` of its result and history (with the `exposure` of the result,
@@ -954,11 +954,12 @@ class BMFR(Pipeline):
     Notes
     -----
     The method is that of Koskela et al. [1]_. Each step consists of this package's functions and gives their bits:
-    `is_reflectance` (if there are ids), `demodulate`, `suppress_fireflies`, `motion_vectors`, `reproject` (with
-    `consistency`), `temporal_gradient`, `accumulate`, `regress`, `blend`, `innovation`, `remodulate`, and those of
-    `TAA`, corrected as in `SVGF`. From frame to frame the grid of blocks is offset by (0, 0), (4, 4), (2, 6), (6, 2),
-    (1, 3), (5, 7), (3, 1) and (7, 5) eighths of a block. Pixels with black albedo are not fitted: they emit light or
-    show background. The weight of the N-th fit is at least 1/N.
+    `motion_vectors`, `is_reflectance` (if there are ids), `demodulate`, `reproject` (with `consistency`),
+    `light_change` (with `innovation`, without a replay), `suppress_fireflies`, `temporal_gradient`, `accumulate`,
+    `regress`, `blend`, `repetition`, `innovation`, `remodulate`, and those of `TAA`, corrected as in `SVGF`. From
+    frame to frame the grid of blocks is offset by (0, 0), (4, 4), (2, 6), (6, 2), (1, 3), (5, 7), (3, 1) and (7, 5)
+    eighths of a block. Pixels with black albedo are not fitted: they emit light or show background. The weight of the
+    N-th fit is at least 1/N.
 
     References
     ----------
@@ -1699,7 +1700,8 @@ def invert_motion(
         down, and the same of depth. Pixels with NaN or infinity are left out.
     depth : (H, W) array_like of float, optional
         View-space z of the next frame, +inf where nothing was hit; pixels with NaN, or not above 0, are left out. Where
-        several pixels come from one, the nearest counts. By default all are equally far.
+        several pixels come from one, the nearest in this frame counts, by the third channel of `motion`. By default all
+        are equally far, whatever that says.
     still : (H, W, 2) or (H, W, 3) array_like of float, optional
         Motion to the next frame if nothing moved but the camera, with as many channels as `motion`: `motion_vectors` of
         this frame with the next frame's camera as the previous one. Exact where that is so; it replaces inverted motion
@@ -1725,8 +1727,8 @@ def invert_motion(
     Notes
     -----
     Pixel q of the next frame comes from ``q + motion[q]`` and therefore gives the pixel there ``-motion[q]``. A pixel
-    that none comes from takes the nearest of its neighbours' points that lie less than a pixel away, so that surfaces
-    which move apart have no cracks. Of points at the same depth, the first in rows counts.
+    that none comes from takes the nearest of its neighbours' points that lie less than a pixel away along each axis, so
+    that surfaces which move apart have no cracks. Of points at the same depth, the first in rows counts.
 
     Examples
     --------
@@ -1784,7 +1786,7 @@ def reproject(
     depth, previous_depth : (H, W) array_like of float, optional
         View-space z, +inf where nothing was hit. Each pair of buffers is given together or not at all.
     normal, previous_normal : (H, W, 3) array_like of float, optional
-        World space; only directions count.
+        World space; only directions count. Zeros, as where nothing was hit, have none, and pass.
     ids, previous_ids : (H, W) array_like of int, optional
         Taps with another id fail.
     object_normal, previous_object_normal : (H, W, 3) array_like of float, optional
@@ -1910,7 +1912,7 @@ def reproject(
     depth, previous_depth : (H, W) array_like of float, optional
         View-space z, +inf where nothing was hit. Each pair of buffers is given together or not at all.
     normal, previous_normal : (H, W, 3) array_like of float, optional
-        World space; only directions count.
+        World space; only directions count. Zeros, as where nothing was hit, have none, and pass.
     ids, previous_ids : (H, W) array_like of int, optional
         Taps with another id fail.
     object_normal, previous_object_normal : (H, W, 3) array_like of float, optional
@@ -2022,7 +2024,7 @@ def consistency(
     depth, previous_depth : (H, W) array_like of float, optional
         View-space z, +inf where nothing was hit. Each pair of buffers is given together or not at all.
     normal, previous_normal : (H, W, 3) array_like of float, optional
-        World space; only directions count.
+        World space; only directions count. Zeros, as where nothing was hit, have none, and pass.
     ids, previous_ids : (H, W) array_like of int, optional
         Taps with another id fail.
     object_normal, previous_object_normal : (H, W, 3) array_like of float, optional
@@ -2204,7 +2206,7 @@ def exposure(color: ArrayLike) -> float:
     exposure : float
         ``8 (mean √l)²`` of the luminances l, negative ones as 0: proportional to the frame's radiance, determined by
         all of its pixels rather than by a few bright ones, and near 1 for images exposed like photographs. 1 for a
-        black frame.
+        frame that is black or has no valid pixel, and where the result exceeds float32.
 
     Raises
     ------
@@ -2480,7 +2482,8 @@ def temporal_gradient(
     Returns
     -------
     gradient : (H, W) float32
-        0 (no change, or missing) to 1 (all of the light has appeared or vanished).
+        0 (no change, or nothing known) to 1 (all of the light has appeared or vanished). Missing pixels have the
+        gradient of the 2×2 pixels around them.
 
     Raises
     ------
@@ -2923,8 +2926,8 @@ def combine_histories(
 
     If one sample of N has nearly all light, ``m2`` is about ``N m1**2``. With an exposure, colour and moments of a
     history with ``m2 >= 0.7 max(N, 2.5) m1**2`` are therefore multiplied by
-    ``min(1, 8 (max(l', 0) + exposure/16) / l)``, l and l' the luminances of its colour and of the other one's, if that
-    has 2.5 samples or more.
+    ``min(1, 8 (max(l', 0) + exposure/16) / l)``, m2 by its square, l and l' the luminances of its colour and of the
+    other one's, if that has 2.5 samples or more.
 
     Examples
     --------
@@ -3179,10 +3182,11 @@ def blend(
 
     Notes
     -----
-    "none": ``h + alpha (c - h)``. "tone" and `flicker` are those of Karis [1]_. "luminance":
-    ``lerp(min(4 alpha, 1), alpha, (1 - d)²)`` with ``d = |l - l'| / max(l, l', 0.2 exposure)``, as in INSIDE [2]_. With
-    ``k = lerp(flicker, 1, d)`` and d the distance of history's luminance from the nearer end of the neighbourhood's
-    range, in half ranges, alpha becomes ``alpha (k + alpha (1 - k))``.
+    First `flicker`, of Karis [1]_: with ``k = lerp(flicker, 1, d)`` and d the distance of history's luminance from the
+    nearer end of the neighbourhood's range, in half ranges, alpha becomes ``alpha (k + alpha (1 - k))``. Then the
+    weighting. "none": ``h + alpha (c - h)``. "tone" is Karis's, too. "luminance": the same as "none" with
+    ``lerp(min(4 alpha, 1), alpha, (1 - d)²)`` for alpha and ``d = min(|l - l'| / max(l, l', 0.2 exposure), 1)``, as in
+    INSIDE [2]_.
 
     References
     ----------
@@ -3376,7 +3380,8 @@ def disocclusion(
     Returns
     -------
     share : (H, W) float32
-        0 (visible before) to 1 (hidden, or outside the image).
+        0 (visible before) to 1 (hidden, wholly outside the image, or of unknown motion). Of a position partly outside,
+        the part inside counts.
 
     Raises
     ------
@@ -3524,8 +3529,8 @@ def resolve(
         Each frame's jitter: its samples' positions relative to pixel centres, x right, y down, in pixels from -0.5 to
         0.5, as `jitter` returns them.
     filter : {"blackman-harris", "box", "tent", "mitchell"}, default "blackman-harris"
-        Reconstruction filter: the Blackman-Harris window 3.3 pixels wide, the pixel's own samples equally weighted,
-        ``1 - |d|``, or Mitchell and Netravali's cubic with B = C = 1/3.
+        Reconstruction filter: the Blackman-Harris window 3.3 pixels wide, the samples with ``-0.5 <= d < 0.5`` equally
+        weighted, ``1 - |d|``, or Mitchell and Netravali's cubic with B = C = 1/3.
     out : float32 array like one of the samples, optional
         Written and returned instead of a new array; it may be an input.
 
@@ -3621,8 +3626,8 @@ def estimate_variance(
     Notes
     -----
     A history of at least `min_length` gives ``m2 - m1²``. A shorter one takes the moments' means over the window,
-    weighted as in `atrous` but for kernel and luminance, and multiplies the variance by ``min_length / N``, as SVGF
-    does ([1]_, section 4.2, and its implementation in Falcor [2]_).
+    weighted as in `atrous` but for kernel and luminance, and multiplies the variance by ``min_length / max(N, 1)``, as
+    SVGF does ([1]_, section 4.2, and its implementation in Falcor [2]_).
 
     References
     ----------
@@ -4232,7 +4237,8 @@ def suppress_fireflies(
     radius : int, default 4
         Radius of the window in pixels, 1 to 16.
     redistribute : bool, default True
-        Spread the excess over the window's pixels of the same surface, so that the image does not darken.
+        Spread the excess over the window's pixels of the same surface, so that the image does not darken: exactly where
+        no surfaces are compared; where normals or depths change within the window, part of it may be lost or doubled.
     sigma_normal, sigma_depth, sigma_plane : float, default 128.0, 0.5 and 0.05
         As in `atrous`.
     out : tuple of (H, W, 3) and (H, W) float32 arrays, optional
@@ -4260,8 +4266,9 @@ def suppress_fireflies(
     Neighbours have the guide weights of `reconstruct`, without the spatial weight. With mean m and standard deviation s
     of the luminance in the window without its centre, the limit is ``max(m + threshold s, (1 + threshold) l)``, l being
     the expected luminance (NRD's anti-firefly [1]_: 9×9 pixels, 2 deviations, no history). There is none where these
-    neighbours have a weight below 2 in all. The excess is distributed over the window's pixels by their weights, the
-    centre included.
+    neighbours have a weight below 2 in all. The excess is distributed over the window's pixels, the centre included:
+    with p's weight of q for q's share of p's excess, divided by the sum of p's weights of all. Weights of surfaces are
+    not symmetric, so that the shares do not add up to 1 where surfaces differ.
 
     References
     ----------

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from ._core import Camera, motion_vectors, reproject
 from .frame import Frame
 from .io.channels import CANONICAL
-from .judge import _by_tile
+from .judge import tile_sums
 
 __all__ = ["Finding", "check", "check_motion"]
 
@@ -293,10 +293,10 @@ def _means(residual: Floats, known: NDArray[np.bool_] | None = None) -> NDArray[
     """Means over tiles, flat; NaN where less than a quarter of a tile is known."""
     side = _tile(residual.shape)
     known = np.ones(residual.shape, bool) if known is None else known
-    number = _by_tile(known, side)
+    number = tile_sums(known, side)
     with np.errstate(invalid="ignore", divide="ignore"):
-        means = _by_tile(np.where(known, residual, 0), side) / number
-    return np.where(number * 4 >= _by_tile(np.ones(residual.shape), side), means, np.nan).ravel()
+        means = tile_sums(np.where(known, residual, 0), side) / number
+    return np.where(number * 4 >= tile_sums(np.ones(residual.shape), side), means, np.nan).ravel()
 
 
 def _clipped(difference: Floats, scale: Any) -> NDArray[np.float64]:

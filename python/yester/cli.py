@@ -38,6 +38,7 @@ from . import (
     plan,
 )
 from ._core import settings
+from .argtypes import count, extent, whole
 from .plan import PLANNED
 from .sequence import LOOKAHEAD
 
@@ -187,9 +188,9 @@ def _parser() -> argparse.ArgumentParser:
     output = "output folder (default: %(default)s)"
     demo = command(_demo, "demo", "render a short noisy sequence with Mitsuba, denoise it and measure the result")
     demo.add_argument("-o", "--output", metavar="DIR", type=_path, default=Path("yester-demo"), help=output)
-    demo.add_argument("--frames", metavar="N", type=_count, default=24, help="number of frames (default: %(default)s)")
+    demo.add_argument("--frames", metavar="N", type=count, default=24, help="number of frames (default: %(default)s)")
     demo.add_argument(
-        "--size", metavar="WxH", type=_size, default=(320, 240), help="size of the frames (default: 320x240)"
+        "--size", metavar="WxH", type=extent, default=(320, 240), help="size of the frames (default: 320x240)"
     )
 
     clean = command(_denoise, "denoise", "denoise a sequence of EXR frames")
@@ -199,7 +200,7 @@ def _parser() -> argparse.ArgumentParser:
     clean.add_argument("--method", choices=methods, help=about)
     clean.add_argument("--plan", metavar="FILE", type=_path, help="a plan written by yester plan, instead of a method")
     about = "fewest later frames that each frame can use; 0 for none, as in real time (default: %(default)s; oidn: 0)"
-    clean.add_argument("--lookahead", metavar="N", type=_whole, help=about)
+    clean.add_argument("--lookahead", metavar="N", type=whole, help=about)
     options = clean.add_argument_group("method options", "defaults and further parameters: see the classes")
 
     def option(name: str, about: str, **named: Any) -> None:
@@ -251,7 +252,7 @@ def _parser() -> argparse.ArgumentParser:
     versus.add_argument("reference", metavar="REFERENCE", nargs="?", type=_path, help="the same without noise")
     about = "%(default)s"
     versus.add_argument("-o", "--output", metavar="FILE", type=_path, default=Path("yester-compare.html"), help=about)
-    versus.add_argument("--frames", metavar="N", type=_count, default=8, help="evenly spread; %(default)s")
+    versus.add_argument("--frames", metavar="N", type=count, default=8, help="evenly spread; %(default)s")
     versus.add_argument("--half", action="store_true", help="round to float16: a smaller page")
     versus.add_argument("--overwrite", action="store_true", help="replace a page that exists")
     versus.add_argument("--open", action="store_true", help="open it in a browser")
@@ -260,8 +261,8 @@ def _parser() -> argparse.ArgumentParser:
     about = "a Mitsuba scene; by default, the Cornell box of the demo"
     look.add_argument("scene", metavar="SCENE.xml", nargs="?", type=_path, help=about)
     about = "largest size, from which the resolution adapts; by default that of the scene, or 640x480"
-    look.add_argument("--size", metavar="WxH", type=_size, help=about)
-    look.add_argument("--port", metavar="N", type=_whole, default=0, help="by default, any that is free")
+    look.add_argument("--size", metavar="WxH", type=extent, help=about)
+    look.add_argument("--port", metavar="N", type=whole, default=0, help="by default, any that is free")
     look.add_argument("--no-open", action="store_true", help="print the address, but open no browser")
     about = "where recordings go; by default the current folder"
     look.add_argument("-o", "--output", metavar="DIR", type=_path, default=Path(), help=about)
@@ -276,14 +277,14 @@ def _parser() -> argparse.ArgumentParser:
     ready.add_argument(
         "--sizes", metavar="SIZE", nargs="+", choices=("full", "half"), default=["full"], help="full, half"
     )
-    ready.add_argument("--crop", metavar="WxH", type=_size, help="cut windows of this size from each sequence")
-    ready.add_argument("--crops", metavar="N", type=_count, default=1, help="windows per sequence; %(default)s")
+    ready.add_argument("--crop", metavar="WxH", type=extent, help="cut windows of this size from each sequence")
+    ready.add_argument("--crops", metavar="N", type=count, default=1, help="windows per sequence; %(default)s")
     ready.add_argument("--seed", metavar="N", type=int, default=0, help="of the windows' places; %(default)s")
     ready.add_argument("--half", action="store_true", help="store colours, normals and validity as float16")
     ready.add_argument("--format", choices=("zarr", "exr"), default="zarr", help="%(default)s")
     about = "folder with the same EXR files without noise, for reference"
     ready.add_argument("--references", metavar="DIR", type=_path, help=about)
-    ready.add_argument("--jobs", metavar="N", type=_count, help="processes; by default, one per core")
+    ready.add_argument("--jobs", metavar="N", type=count, help="processes; by default, one per core")
     ready.add_argument("--scheduler", metavar="ADDRESS", help="let the workers of this Dask scheduler do it")
     ready.add_argument("--resume", action="store_true", help="go on where an earlier run stopped")
     channels(ready)
@@ -297,7 +298,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     looked.add_argument("inputs", metavar="IN", nargs="+", help="a folder, files or a pattern; in natural order")
     about = "consecutive frames to look at, from the middle of the first shot; %(default)s"
-    looked.add_argument("--frames", metavar="N", type=_count, default=6, help=about)
+    looked.add_argument("--frames", metavar="N", type=count, default=6, help=about)
     channels(looked)
 
     chart = command(_chart, "chart", "chart the error of every method over its time, on rendered or your own sequences")
@@ -312,17 +313,17 @@ def _parser() -> argparse.ArgumentParser:
     doors = "measure the loss from dropped or degraded buffers, in these ways (by default all); also with --ablate"
     chart.add_argument("--doors", metavar="DOOR", nargs="*", help=doors)
     chart.add_argument(
-        "--time-size", metavar="WxH", type=_size, default=(1280, 720), help="size of timed frames; 1280x720"
+        "--time-size", metavar="WxH", type=extent, default=(1280, 720), help="size of timed frames; 1280x720"
     )
     render = chart.add_argument_group("sequences to render", "if no FRAMES are given").add_argument
     groups = (
         "names, or tuning, held-out, unkind-tuning, unkind-held-out, late-held-out, thin; default: all but the last two"
     )
     render("--sequences", metavar="NAME", nargs="+", default=["all"], help=groups)
-    render("--length", metavar="N", type=_count, default=16, help="number of frames; %(default)s")
-    render("--size", metavar="WxH", type=_size, default=(256, 192), help="size of the frames; 256x192")
-    render("--reference-spp", metavar="N", type=_count, help="samples per pixel of references; by default, 256 or 512")
-    render("--seeds", metavar="N", type=_count, default=1, help="number of realisations of the noise; %(default)s")
+    render("--length", metavar="N", type=count, default=16, help="number of frames; %(default)s")
+    render("--size", metavar="WxH", type=extent, default=(256, 192), help="size of the frames; 256x192")
+    render("--reference-spp", metavar="N", type=count, help="samples per pixel of references; by default, 256 or 512")
+    render("--seeds", metavar="N", type=count, default=1, help="number of realisations of the noise; %(default)s")
     render("--cache", metavar="DIR", type=_path, help="folder for rendered frames; by default in the user's cache")
 
     stress = command(_stress, "stress", "run every pipeline on known failure cases with exact references")
@@ -336,12 +337,14 @@ def _parser() -> argparse.ArgumentParser:
     bench.add_argument("-o", "--output", metavar="DIR", type=_path, default=Path("yester-bench"), help=output)
     sizes = [(256, 256), (1920, 1080), (3840, 2160)]
     shown = " ".join(f"{width}x{height}" for width, height in sizes)
-    bench.add_argument("--sizes", metavar="WxH", type=_size, nargs="+", default=sizes, help=f"sizes of images; {shown}")
     bench.add_argument(
-        "--threads", metavar="N", type=_count, nargs="+", help="numbers of threads; by default, one and all"
+        "--sizes", metavar="WxH", type=extent, nargs="+", default=sizes, help=f"sizes of images; {shown}"
+    )
+    bench.add_argument(
+        "--threads", metavar="N", type=count, nargs="+", help="numbers of threads; by default, one and all"
     )
     bench.add_argument("--simd", metavar="LEVEL", nargs="+", help="SIMD levels, with the most threads; by default, all")
-    bench.add_argument("--repetitions", metavar="N", type=_count, default=7, help="maximum number of runs; %(default)s")
+    bench.add_argument("--repetitions", metavar="N", type=count, default=7, help="maximum number of runs; %(default)s")
     bench.add_argument("--only", metavar="TASK", nargs="+", help="prefixes of tasks' names; by default, all")
     bench.add_argument("--no-rivals", action="store_true", help="leave out torch, OpenCV and Open Image Denoise")
     return parser
@@ -351,28 +354,6 @@ def _path(text: str) -> Path:
     if not text:  # such as that of a variable that is not set; it would be the current folder
         raise argparse.ArgumentTypeError("expected a name, got an empty one")
     return Path(text)
-
-
-def _whole(text: str, least: int = 0) -> int:
-    try:
-        value = int(text)
-    except ValueError:
-        value = least - 1
-    if value < least:
-        raise argparse.ArgumentTypeError(f"expected a whole number of at least {least}, got {text}")
-    return value
-
-
-def _count(text: str) -> int:
-    return _whole(text, 1)
-
-
-def _size(text: str) -> tuple[int, int]:
-    try:
-        width, height = map(_count, text.lower().split("x"))
-    except (ValueError, argparse.ArgumentTypeError):
-        raise argparse.ArgumentTypeError(f"expected a size like 320x240, got {text}") from None
-    return width, height
 
 
 def _demo(options: argparse.Namespace) -> None:

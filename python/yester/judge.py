@@ -12,16 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from ._core import demodulate, is_reflectance, motion_vectors, repetition, reproject
 from .frame import Frame
 
-__all__ = [
-    "WEIGHTINGS",
-    "Predicted",
-    "estimate",
-    "known_motion",
-    "predictive_error",
-    "repetitions",
-    "sums",
-    "surface_tests",
-]
+__all__ = ["Predicted", "predictive_error"]
 
 #: Weightings of squared errors: relative to brightness, as in `relmse`, and in display space, as in `psnr`.
 WEIGHTINGS = ("relative", "display")
@@ -83,7 +74,10 @@ def predictive_error(
     Raises
     ------
     ValueError
-        If there are not as many results as frames, fewer than two frames from `start` on, or a tile below 1.
+        If there are not as many results as frames or they have other shapes, fewer than two frames from `start` on, or
+        a tile below 1.
+    TypeError
+        If a result has a mask.
 
     See Also
     --------
@@ -113,8 +107,14 @@ def predictive_error(
     >>> bool(found.difference > 3 * found.error)
     True
     """
-    if tile < 1:
-        raise ValueError(f"tile: expected at least 1, got {tile}")
+    if tile != int(tile) or tile < 1:
+        raise ValueError(f"tile: expected a whole number from 1, got {tile}")
+    for name, results in (("first", first), ("second", second)):
+        for t, (image, frame) in enumerate(zip(results, frames, strict=False)):
+            if np.ma.isMaskedArray(image):
+                raise TypeError(f"{name}[{t}]: expected an array without a mask, got a masked one")
+            if np.shape(image) != frame.color.shape:
+                raise ValueError(f"{name}[{t}]: expected shape {frame.color.shape}, got {np.shape(image)}")
     (found,) = sums([first], second, frames, start=start, tile=tile)
     return estimate(found)
 
@@ -218,20 +218,21 @@ def _compared(
     b, y, after, *others = (
         np.where(known[..., None], i, 0) for i in (carried[0], frame.color, second[1], *carried[1:])
     )
-    change, count = ((after - b) ** 2).mean(-1), _by_tile(known, tile)
+    change, count = ((after - b) ** 2).mean(-1), tile_sums(known, tile)
     result = []
     for a in others:
-        mean = np.maximum(0.5 * (a + b).mean(-1), 0)
         worse = ((a - b) * (a + b - 2 * y)).mean(-1)
-        weights = 1 / (mean**2 + _EPSILON), _display(mean)
-        result.append([[_by_tile(w * worse, tile), count, _by_tile(w * change, tile)] for w in weights])
+        pairs = [(w * worse, w * change) for w in weights(0.5 * (a + b).mean(-1))]
+        result.append([[tile_sums(one, tile), count, tile_sums(other, tile)] for one, other in pairs])
     return np.array(result)
 
 
-def _display(mean: NDArray[np.float32]) -> NDArray[np.float32]:
-    """The squared slope of the sRGB curve; 0 where it is clipped."""
-    slope = np.where(mean > 0.0031308, 1.055 / 2.4 * np.maximum(mean, 0.0031308) ** (1 / 2.4 - 1), 12.92)
-    return np.where(mean < 1, slope**2, 0).astype(np.float32)
+def weights(mean: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.float32]]:
+    """The weight of a squared error for each of the `WEIGHTINGS`, by the mean over the results' channels."""
+    mean = np.maximum(mean, 0)
+    bright = mean.astype(np.float32)
+    slope = np.where(bright > 0.0031308, 1.055 / 2.4 * np.maximum(bright, 0.0031308) ** (1 / 2.4 - 1), 12.92)
+    return 1 / (mean**2 + _EPSILON), np.where(bright < 1, slope**2, 0).astype(np.float32)
 
 
 def _eroded(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -242,7 +243,7 @@ def _eroded(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return mask
 
 
-def _by_tile(image: NDArray[Any], tile: int) -> NDArray[np.float64]:
+def tile_sums(image: NDArray[Any], tile: int) -> NDArray[np.float64]:
     """Sums over tiles; the last ones may be cut off by the image's edge."""
     rows, columns = (np.arange(0, n, tile) for n in image.shape)
     return np.add.reduceat(np.add.reduceat(image.astype(np.float64), rows, 0), columns, 1)

@@ -61,7 +61,7 @@ class Picture:
     Raises
     ------
     TypeError
-        If it is not of floats.
+        If it is not of floats, or has a mask.
     ValueError
         If the shape is not (H, W, 3), or a value is not finite.
 
@@ -106,7 +106,7 @@ def srgb(image: ArrayLike) -> NDArray[np.float64]:
     Raises
     ------
     TypeError
-        If it is not of floats.
+        If it is not of floats, or has a mask.
 
     Notes
     -----
@@ -145,7 +145,7 @@ def psnr(image: Image, reference: Image) -> float:
     Raises
     ------
     TypeError
-        If an image is not of floats.
+        If an image is not of floats, or has a mask.
     ValueError
         If the shapes differ or are not (H, W, 3), or a value is not finite.
 
@@ -181,7 +181,7 @@ def relmse(image: Image, reference: Image) -> float:
     Raises
     ------
     TypeError
-        If an image is not of floats.
+        If an image is not of floats, or has a mask.
     ValueError
         If the shapes differ or are not (H, W, 3), or a value is not finite.
 
@@ -225,7 +225,7 @@ def smape(image: Image, reference: Image) -> float:
     Raises
     ------
     TypeError
-        If an image is not of floats.
+        If an image is not of floats, or has a mask.
     ValueError
         If the shapes differ or are not (H, W, 3), or a value is not finite.
 
@@ -270,7 +270,7 @@ def ssim(image: Image, reference: Image) -> float:
     Raises
     ------
     TypeError
-        If an image is not of floats.
+        If an image is not of floats, or has a mask.
     ValueError
         If the shapes differ, are not (H, W, 3) or smaller than the window, or a value is not finite.
     ImportError
@@ -326,7 +326,7 @@ def flip(image: Image, reference: Image) -> float:
     Raises
     ------
     TypeError
-        If an image is not of floats.
+        If an image is not of floats, or has a mask.
     ValueError
         If the shapes differ or are not (H, W, 3), or a value is not finite.
     ImportError
@@ -413,7 +413,7 @@ def temporal_error(image: Image, before: Image, reference: Image, reference_befo
     Raises
     ------
     TypeError
-        If an image is not of floats.
+        If an image is not of floats, or has a mask.
     ValueError
         If the shapes differ or are not (H, W, 3), or a value is not finite.
 
@@ -530,7 +530,7 @@ def warped_error(image: Image, before: Image, motion: ArrayLike, valid: ArrayLik
     0.0339
     """
     image, before = _alike(image=image, before=before)
-    motion = np.asarray(motion)
+    motion = _unmasked("motion", motion)
     shape = image.linear.shape[:2]
     if motion.shape not in [(*shape, 2), (*shape, 3)]:
         raise ValueError(f"motion: expected shape {(*shape, 2)} or {(*shape, 3)}, got {motion.shape}")
@@ -650,7 +650,7 @@ def lag(ghosts: Sequence[float] | NDArray[np.floating], threshold: float = 0.1) 
     Raises
     ------
     ValueError
-        If `ghosts` is not one-dimensional or not finite.
+        If `ghosts` is not one-dimensional or not finite, or the threshold below 0.
 
     See Also
     --------
@@ -666,6 +666,8 @@ def lag(ghosts: Sequence[float] | NDArray[np.floating], threshold: float = 0.1) 
     if values.ndim != 1:
         raise ValueError(f"ghosts: expected shape (T,), got {values.shape}")
     _finite("ghosts", values)
+    if not threshold >= 0:
+        raise ValueError(f"threshold: expected a weight from 0, got {threshold}")
     left = np.flatnonzero(np.abs(values) > threshold)
     return int(left[-1]) + 1 if left.size else 0
 
@@ -692,7 +694,7 @@ def edge_sharpness(image: Image, reference: Image, share: float = 0.05) -> float
     Raises
     ------
     TypeError
-        If an image is not of floats.
+        If an image is not of floats, or has a mask.
     ValueError
         If the shapes differ, are not (H, W, 3) or smaller than 3×3, a value is not finite, `share` is out of range, or
         the reference has no edges.
@@ -797,9 +799,16 @@ def metric(key: str) -> Metric:
     return METRICS[key]
 
 
+def _unmasked(name: str, values: ArrayLike) -> NDArray[Any]:
+    """The values as an array; an error if they have a mask, since their data would be taken for valid everywhere."""
+    if np.ma.isMaskedArray(values):
+        raise TypeError(f"{name}: expected an array without a mask, got a masked one: metrics compare whole images")
+    return np.asarray(values)
+
+
 def _floats(name: str, image: ArrayLike) -> NDArray[np.floating[Any]]:
     """The image as an array, if its values are floats."""
-    array = np.asarray(image)
+    array = _unmasked(name, image)
     if array.dtype.kind != "f":
         most = {"uint8": 255, "uint16": 65535}.get(array.dtype.name)
         advice = f": colours of whole numbers are gamma-encoded; (x / {most}) ** 2.2 is linear" if most else ""
@@ -836,7 +845,7 @@ def _each(images: Iterable[Image]) -> Iterator[Picture]:
 def _mask(name: str, mask: ArrayLike | None, shape: tuple[int, ...]) -> NDArray[np.bool_]:
     if mask is None:
         return np.ones(shape, np.bool_)
-    array = np.asarray(mask)
+    array = _unmasked(name, mask)
     if array.dtype != np.bool_:
         raise TypeError(f"{name}: expected bool, got {array.dtype}")
     if array.shape != shape:

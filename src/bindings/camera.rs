@@ -773,7 +773,8 @@ pub fn dilate_motion<'py>(
 ///     down, and the same of depth. Pixels with NaN or infinity are left out.
 /// depth : (H, W) array_like of float, optional
 ///     View-space z of the next frame, +inf where nothing was hit; pixels with NaN, or not above 0, are left out. Where
-///     several pixels come from one, the nearest counts. By default all are equally far.
+///     several pixels come from one, the nearest in this frame counts, by the third channel of `motion`. By default all
+///     are equally far, whatever that says.
 /// still : (H, W, 2) or (H, W, 3) array_like of float, optional
 ///     Motion to the next frame if nothing moved but the camera, with as many channels as `motion`: `motion_vectors` of
 ///     this frame with the next frame's camera as the previous one. Exact where that is so; it replaces inverted motion
@@ -799,8 +800,8 @@ pub fn dilate_motion<'py>(
 /// Notes
 /// -----
 /// Pixel q of the next frame comes from ``q + motion[q]`` and therefore gives the pixel there ``-motion[q]``. A pixel
-/// that none comes from takes the nearest of its neighbours' points that lie less than a pixel away, so that surfaces
-/// which move apart have no cracks. Of points at the same depth, the first in rows counts.
+/// that none comes from takes the nearest of its neighbours' points that lie less than a pixel away along each axis, so
+/// that surfaces which move apart have no cracks. Of points at the same depth, the first in rows counts.
 ///
 /// Examples
 /// --------

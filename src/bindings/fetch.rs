@@ -9,10 +9,10 @@ use super::camera::Camera;
 use super::validate::SurfaceArgs;
 use crate::error::Error;
 use crate::image::{Records, Size};
+use crate::kernels::fetch::claims::claims;
 use crate::kernels::fetch::footprint::Filter;
 use crate::kernels::fetch::reproject::{self, reproject_records};
 use crate::kernels::fetch::validate::{self, Threshold};
-use crate::kernels::judge::claims::claims;
 
 /// Reprojection: fetches history along motion vectors, each tap validated.
 ///
@@ -34,7 +34,7 @@ use crate::kernels::judge::claims::claims;
 /// depth, previous_depth : (H, W) array_like of float, optional
 ///     View-space z, +inf where nothing was hit. Each pair of buffers is given together or not at all.
 /// normal, previous_normal : (H, W, 3) array_like of float, optional
-///     World space; only directions count.
+///     World space; only directions count. Zeros, as where nothing was hit, have none, and pass.
 /// ids, previous_ids : (H, W) array_like of int, optional
 ///     Taps with another id fail.
 /// object_normal, previous_object_normal : (H, W, 3) array_like of float, optional

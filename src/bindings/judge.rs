@@ -235,7 +235,7 @@ pub fn clip_history_<'py>(
 /// exposure : float
 ///     ``8 (mean √l)²`` of the luminances l, negative ones as 0: proportional to the frame's radiance, determined by
 ///     all of its pixels rather than by a few bright ones, and near 1 for images exposed like photographs. 1 for a
-///     black frame.
+///     frame that is black or has no valid pixel, and where the result exceeds float32.
 ///
 /// Raises
 /// ------
@@ -588,7 +588,8 @@ pub fn alternation_<'py>(
 /// Returns
 /// -------
 /// gradient : (H, W) float32
-///     0 (no change, or missing) to 1 (all of the light has appeared or vanished).
+///     0 (no change, or nothing known) to 1 (all of the light has appeared or vanished). Missing pixels have the
+///     gradient of the 2×2 pixels around them.
 ///
 /// Raises
 /// ------

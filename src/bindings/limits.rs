@@ -25,7 +25,7 @@ pub fn limits() -> (f64, f64) {
     let seconds = best(|| rows::run(&Copy { from: from.view() }, COPIED.height, to.bands()));
     let copied = 2.0 * (COPIED.pixels() * size_of::<f32>()) as f64 / seconds;
 
-    // Kernels do without, for the sake of the bits, but the machine's limit is what it is.
+    // The baseline has no such instruction, and kernels that want one emulate it.
     let fused = Settings::get().level_name() != "baseline";
     let multiplied = multiply_adds::<8>(fused)
         .max(multiply_adds::<12>(fused))

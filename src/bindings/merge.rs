@@ -23,7 +23,7 @@ pub const MOMENTS: Channels = Channels::Of(&[2]);
 /// history_length : (H, W) float32
 ///     History length in samples, up to 1/alpha where a sample was merged.
 /// missing : int
-///     Pixels whose new sample was not finite.
+///     Pixels whose new sample was not finite, or of weight 0 or NaN.
 ///
 /// See Also
 /// --------
@@ -42,7 +42,7 @@ pub struct Accumulated {
     moments: Py<PyArrayDyn<f32>>,
     /// History length in samples, up to 1/alpha: (H, W) float32.
     history_length: Py<PyArrayDyn<f32>>,
-    /// Number of pixels whose new sample was not finite.
+    /// Number of pixels whose new sample was not finite, or of weight 0 or NaN.
     missing: usize,
 }
 
@@ -273,8 +273,8 @@ type Images<'py> = (
 ///
 /// If one sample of N has nearly all light, ``m2`` is about ``N m1**2``. With an exposure, colour and moments of a
 /// history with ``m2 >= 0.7 max(N, 2.5) m1**2`` are therefore multiplied by
-/// ``min(1, 8 (max(l', 0) + exposure/16) / l)``, l and l' the luminances of its colour and of the other one's, if that
-/// has 2.5 samples or more.
+/// ``min(1, 8 (max(l', 0) + exposure/16) / l)``, m2 by its square, l and l' the luminances of its colour and of the
+/// other one's, if that has 2.5 samples or more.
 ///
 /// Examples
 /// --------
@@ -450,8 +450,8 @@ pub fn converge_<'py>(
 ///     Each frame's jitter: its samples' positions relative to pixel centres, x right, y down, in pixels from -0.5 to
 ///     0.5, as `jitter` returns them.
 /// filter : {"blackman-harris", "box", "tent", "mitchell"}, default "blackman-harris"
-///     Reconstruction filter: the Blackman-Harris window 3.3 pixels wide, the pixel's own samples equally weighted,
-///     ``1 - |d|``, or Mitchell and Netravali's cubic with B = C = 1/3.
+///     Reconstruction filter: the Blackman-Harris window 3.3 pixels wide, the samples with ``-0.5 <= d < 0.5`` equally
+///     weighted, ``1 - |d|``, or Mitchell and Netravali's cubic with B = C = 1/3.
 /// out : float32 array like one of the samples, optional
 ///     Written and returned instead of a new array; it may be an input.
 ///
@@ -580,10 +580,11 @@ pub fn resolve_<'py>(
 ///
 /// Notes
 /// -----
-/// "none": ``h + alpha (c - h)``. "tone" and `flicker` are those of Karis [1]_. "luminance":
-/// ``lerp(min(4 alpha, 1), alpha, (1 - d)²)`` with ``d = |l - l'| / max(l, l', 0.2 exposure)``, as in INSIDE [2]_. With
-/// ``k = lerp(flicker, 1, d)`` and d the distance of history's luminance from the nearer end of the neighbourhood's
-/// range, in half ranges, alpha becomes ``alpha (k + alpha (1 - k))``.
+/// First `flicker`, of Karis [1]_: with ``k = lerp(flicker, 1, d)`` and d the distance of history's luminance from the
+/// nearer end of the neighbourhood's range, in half ranges, alpha becomes ``alpha (k + alpha (1 - k))``. Then the
+/// weighting. "none": ``h + alpha (c - h)``. "tone" is Karis's, too. "luminance": the same as "none" with
+/// ``lerp(min(4 alpha, 1), alpha, (1 - d)²)`` for alpha and ``d = min(|l - l'| / max(l, l', 0.2 exposure), 1)``, as in
+/// INSIDE [2]_.
 ///
 /// References
 /// ----------

@@ -89,8 +89,8 @@ impl<'py> GuideArgs<'py> {
 /// Notes
 /// -----
 /// A history of at least `min_length` gives ``m2 - m1²``. A shorter one takes the moments' means over the window,
-/// weighted as in `atrous` but for kernel and luminance, and multiplies the variance by ``min_length / N``, as SVGF
-/// does ([1]_, section 4.2, and its implementation in Falcor [2]_).
+/// weighted as in `atrous` but for kernel and luminance, and multiplies the variance by ``min_length / max(N, 1)``, as
+/// SVGF does ([1]_, section 4.2, and its implementation in Falcor [2]_).
 ///
 /// References
 /// ----------
@@ -360,7 +360,8 @@ pub fn atrous_<'py>(
 /// radius : int, default 4
 ///     Radius of the window in pixels, 1 to 16.
 /// redistribute : bool, default True
-///     Spread the excess over the window's pixels of the same surface, so that the image does not darken.
+///     Spread the excess over the window's pixels of the same surface, so that the image does not darken: exactly where
+///     no surfaces are compared; where normals or depths change within the window, part of it may be lost or doubled.
 /// sigma_normal, sigma_depth, sigma_plane : float, default 128.0, 0.5 and 0.05
 ///     As in `atrous`.
 /// out : tuple of (H, W, 3) and (H, W) float32 arrays, optional
@@ -388,8 +389,9 @@ pub fn atrous_<'py>(
 /// Neighbours have the guide weights of `reconstruct`, without the spatial weight. With mean m and standard deviation s
 /// of the luminance in the window without its centre, the limit is ``max(m + threshold s, (1 + threshold) l)``, l being
 /// the expected luminance (NRD's anti-firefly [1]_: 9×9 pixels, 2 deviations, no history). There is none where these
-/// neighbours have a weight below 2 in all. The excess is distributed over the window's pixels by their weights, the
-/// centre included.
+/// neighbours have a weight below 2 in all. The excess is distributed over the window's pixels, the centre included:
+/// with p's weight of q for q's share of p's excess, divided by the sum of p's weights of all. Weights of surfaces are
+/// not symmetric, so that the shares do not add up to 1 where surfaces differ.
 ///
 /// References
 /// ----------

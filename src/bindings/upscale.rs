@@ -142,7 +142,8 @@ pub fn resample_<'py>(
 /// Returns
 /// -------
 /// share : (H, W) float32
-///     0 (visible before) to 1 (hidden, or outside the image).
+///     0 (visible before) to 1 (hidden, wholly outside the image, or of unknown motion). Of a position partly outside,
+///     the part inside counts.
 ///
 /// Raises
 /// ------

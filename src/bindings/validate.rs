@@ -9,8 +9,8 @@ use super::camera::{Camera, check_size};
 use crate::error::Error;
 use crate::image::{Pixels, Records, bands_of};
 use crate::kernels::camera::pinhole;
+use crate::kernels::fetch::claims::claims;
 use crate::kernels::fetch::validate::{self, Surface, Tests, Threshold};
-use crate::kernels::judge::claims::claims;
 use crate::kernels::judge::consistency;
 
 /// A number, or a ramp's ends: full trust up to the first, none beyond the second.
@@ -159,7 +159,7 @@ fn pair<'py, T>(
 /// depth, previous_depth : (H, W) array_like of float, optional
 ///     View-space z, +inf where nothing was hit. Each pair of buffers is given together or not at all.
 /// normal, previous_normal : (H, W, 3) array_like of float, optional
-///     World space; only directions count.
+///     World space; only directions count. Zeros, as where nothing was hit, have none, and pass.
 /// ids, previous_ids : (H, W) array_like of int, optional
 ///     Taps with another id fail.
 /// object_normal, previous_object_normal : (H, W, 3) array_like of float, optional

@@ -11,10 +11,10 @@ use super::camera::pinhole::{Camera, FovAxis};
 use super::camera::{dilate, virtual_motion};
 use super::fetch::footprint::Filter;
 use super::fetch::validate::{self, Surface, Tests, Threshold};
-use super::fetch::{invert, pull_push, reproject, splat};
+use super::fetch::{claims, invert, pull_push, reproject, splat};
 use super::judge::{
-    alternation, anti_lag, blend_factor, choice, claims, collocation, consistency, disocclusion,
-    exposure, gradient, innovation, light_change, neighborhood, prediction, thin_features,
+    alternation, anti_lag, blend_factor, choice, collocation, consistency, disocclusion, exposure,
+    gradient, innovation, light_change, neighborhood, prediction, thin_features,
 };
 use super::merge::{accumulate, blend, combine, recirculate, resample, resolve};
 use super::smooth::guide::{Guide, Sigmas};

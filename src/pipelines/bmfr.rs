@@ -1,7 +1,7 @@
 //! Block-wise multi-order feature regression (Koskela et al. 2019), as a list of this library's kernels:
 //!
-//!   demodulate → (motion from cameras) → (replay) → reproject → (suppress fireflies) → (temporal gradient) → accumulate
-//!     → regress → blend → (innovation) → remodulate
+//!   (motion from cameras) → demodulate → (replay) → reproject → (change of light) → (suppress fireflies)
+//!     → (temporal gradient) → accumulate → regress → blend → (repetition) → (innovation) → remodulate
 //!     → (antialias → (innovation) → (mix))
 //!
 //! The passes before `regress` are those of [`super::svgf`]; `blend` accumulates the fits, whose blocks lie elsewhere in
@@ -143,7 +143,7 @@ impl Steps for Bmfr {
         };
         let first = memory.is_none();
         let surfaces = surfaces(frame);
-        (memory.iter_mut()).for_each(|memory| memory.disown(surfaces.as_ref()));
+        (memory.iter_mut()).for_each(|memory| memory.reject_changed(surfaces.as_ref()));
         let inputs = Inputs::new(frame, surfaces.as_ref(), memory.as_ref());
         let Inputs {
             texture, features, ..
@@ -156,8 +156,9 @@ impl Steps for Bmfr {
         let fit = fit(light, features, frame.albedo, params, age);
         accumulate_fits(&fit, &past.history, params.fitted_alpha, &mut history);
         let mixes = params.antialias.is_some_and(|stage| stage.choice);
-        let heard = mixes.then(|| Noise::see(noise, sample.pixels(), inputs.motion.pixels()));
-        let (noise, repeats) = heard.unzip();
+        let compared =
+            mixes.then(|| Noise::compare(noise, sample.pixels(), inputs.motion.pixels()));
+        let (noise, repeats) = compared.unzip();
         let repeats = repeats.unwrap_or(false);
         drop((sample, past, fit));
         let evidence = (params.history.innovation.filter(|_| !first))

@@ -1,16 +1,18 @@
 //! What goes into a pipeline and what comes out, one frame at a time.
 
 mod motion;
+mod motion_check;
 mod output;
 
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 
 pub use self::motion::{Motion, still_motion};
+use self::motion_check::Check;
+pub use self::motion_check::Mistake;
 pub(super) use self::output::Expectation;
 pub use self::output::{
     Extras, History, HistoryMut, Output, Report, Results, blacken_missing, show,
 };
-use super::motion_check::{Check, Mistake};
 use crate::error::{Error, Result};
 use crate::image::{Pixels, Records, Size};
 use crate::kernels::camera::pinhole::Camera;

@@ -16,7 +16,6 @@ mod correction;
 mod frame;
 pub mod history;
 mod illumination;
-mod motion_check;
 mod recall;
 pub mod recirculation;
 mod reflections;
@@ -27,8 +26,7 @@ pub mod taa;
 pub mod upscaler;
 
 pub use bmfr::Bmfr;
-pub use frame::{Extras, Frame, History, HistoryMut, Output, Pipeline, Results, Summary};
-pub use motion_check::Mistake;
+pub use frame::{Extras, Frame, History, HistoryMut, Mistake, Output, Pipeline, Results, Summary};
 pub use recirculation::Recirculation;
 pub use svgf::Svgf;
 pub use taa::Taa;

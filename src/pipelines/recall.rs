@@ -12,12 +12,12 @@ use super::replay;
 use crate::error::{Error, Result};
 use crate::image::{Image, Pixels, Records, View};
 use crate::kernels::camera::pinhole::{Camera, Rays};
+use crate::kernels::fetch::claims::claims;
 use crate::kernels::fetch::footprint::Filter;
 use crate::kernels::fetch::reproject::{self, Fetch, reproject, reproject_again};
 use crate::kernels::fetch::validate::{self, Surface, Tests, Threshold};
-use crate::kernels::judge::claims::claims;
 use crate::kernels::judge::coherence::{coarse_ids, incoherent, is_erratic};
-use crate::kernels::judge::gradient::{self, temporal_gradient};
+use crate::kernels::judge::gradient::find_gradient;
 use crate::kernels::judge::light_change::light_change;
 use crate::kernels::smooth::demodulate::Texture;
 use crate::kernels::smooth::guide::Coarse;
@@ -74,9 +74,9 @@ impl Memory {
         }
     }
 
-    /// Gives up the history of surfaces whose albedo has become a reflectance or ceased to be one: what it knows of their
+    /// Rejects the history of surfaces whose albedo has become a reflectance or ceased to be one: what it knows of their
     /// light is divided by another number than the frame's. An id that the frame does not have fails the test of ids.
-    pub fn disown(&mut self, now: Option<&Surfaces>) {
+    pub fn reject_changed(&mut self, now: Option<&Surfaces>) {
         let Some((before, now)) = self.surfaces.as_ref().zip(now) else {
             return;
         };
@@ -402,14 +402,4 @@ impl Memory {
             coverage,
         )
     }
-}
-
-pub fn find_gradient(
-    [now, before]: [Pixels; 2],
-    coverage: Option<View>,
-    params: gradient::Params,
-) -> Image {
-    let mut gradient = Image::blank(now.size, 1);
-    temporal_gradient(now, before, coverage, params, gradient.data_mut());
-    gradient
 }

@@ -79,20 +79,11 @@ impl Params {
     /// Our own measurements' choice.
     pub const BEST: Self = Self {
         splat: splat::Params {
-            tolerance: 0.1,
             reach: 0.5,
+            ..splat::Params::DEFAULT
         },
-        pull_push: pull_push::Params {
-            factor: 2,
-            levels: usize::MAX,
-        },
-        recirculate: recirculate::Params {
-            blur: 0.25,
-            share: [0.0, 1.0],
-            fade: 64.0,
-            limit: 8.0,
-            fetch: false,
-        },
+        pull_push: pull_push::Params::DEFAULT,
+        recirculate: recirculate::Params::DEFAULT,
         nearness: 0,
         innovation: Some(INNOVATION),
     };

@@ -391,7 +391,7 @@ impl<'a> Kernel for Evaluate<'a> {
         let mut scratch = Scratch::new();
         let channels = 2 * candidates.distances;
         let mut lanes = MotionLanes::zeroed();
-        let (mut known, mut fetched) = (self.base.room(), self.fetch.room());
+        let (mut known, mut fetched) = (self.base.scratch(), self.fetch.scratch());
         let [mut light, mut base, mut color] = [[[0.0; SEGMENT]; 3]; 3];
         for row in rows {
             let y = ROWS * row;
@@ -509,7 +509,7 @@ impl<'a> Kernel for TakeWinners<'a> {
         let mut around: Vec<Rolling<1>> = around.map(|_| Rolling::new(width, RADIUS)).collect();
         let mut gains = Gains::zeroed();
         let errors = &self.evaluated.errors;
-        let (mut scratch, mut fetched) = (Scratch::new(), self.fetch.room());
+        let (mut scratch, mut fetched) = (Scratch::new(), self.fetch.scratch());
         let mut lead = Lead::new(width);
         let tiles = width.div_ceil(Tiles::SIDE);
         let mut any = vec![false; tiles];

@@ -13,8 +13,8 @@ pub struct Noise {
 }
 
 impl Noise {
-    /// Looks at the next frame's samples, best without texture. Also returns whether they have the noise of the frame before.
-    pub fn see(before: Option<Self>, samples: Pixels, motion: Pixels) -> (Self, bool) {
+    /// Compares the next frame's samples, best without texture, with those before. Also returns whether they have the same noise.
+    pub fn compare(before: Option<Self>, samples: Pixels, motion: Pixels) -> (Self, bool) {
         let luminance = luminances(samples);
         let found = before.map(|before| {
             let known = before.deviation.as_ref().map(Image::view);

@@ -13,11 +13,10 @@ use std::ops::Range;
 
 use super::correction::correct_run;
 use super::illumination::illumination;
-use super::recall::find_gradient;
 use crate::image::{BandMut, Image, Pixels, Records, Run, SEGMENT, segments};
 use crate::kernels::fetch::validate::Surface;
 use crate::kernels::judge::exposure::exposure;
-use crate::kernels::judge::gradient;
+use crate::kernels::judge::gradient::{self, find_gradient};
 use crate::kernels::judge::innovation::{self, Innovation, corrected, innovation};
 use crate::kernels::smooth::atrous::{self, Source, atrous};
 use crate::kernels::smooth::demodulate::Texture;

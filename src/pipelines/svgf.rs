@@ -26,11 +26,10 @@ use self::sides::{Joined, expect, join, join_reports};
 use self::still::Still;
 use super::correction::innovate;
 use super::frame::{
-    Expectation, Extras, Frame, History, HistoryMut, Motion, Output, Pipeline, Steps, Summary,
-    Upkeep, names,
+    Expectation, Extras, Frame, History, HistoryMut, Mistake, Motion, Output, Pipeline, Steps,
+    Summary, Upkeep, names,
 };
 use super::illumination::{Illumination, illumination, surfaces, texture};
-use super::motion_check::Mistake;
 use super::recall::{Incoherent, Memory, told_by_motion};
 use super::reflections;
 use super::repetition::Noise;
@@ -52,9 +51,9 @@ struct State {
     memory: Memory,
     /// The innovation that was found and not corrected.
     evidence: Option<Records>,
-    /// What speaks for more or fewer passes.
+    /// Evidence of each tile for the numbers of passes.
     choice: Option<Records>,
-    /// Of the samples, if they judge.
+    /// The luminance of the samples, by which noise that repeats is detected; if samples judge.
     noise: Option<Noise>,
     /// Where nothing moved, if samples judge.
     still: Option<Still>,
@@ -210,13 +209,13 @@ impl Svgf {
         let motion = frame.motion(before.as_ref(), &mut used);
         let rests = self.params.average_still && frame.rests(before.as_ref());
         let surfaces = surfaces(frame);
-        (past.iter_mut()).for_each(|past| past.memory.disown(surfaces.as_ref()));
+        (past.iter_mut()).for_each(|past| past.memory.reject_changed(surfaces.as_ref()));
         let texture = texture(frame, surfaces.as_ref());
         let asks = self.params.looks_around() || !matches!(task, Task::Show(_, None));
         let sample = asks.then(|| illumination(frame.color, texture));
         let chooses = self.params.chooses(texture.is_some());
         let judges = sample.as_ref().filter(|_| chooses);
-        let (noise, repeats) = self.listen(past.as_mut(), judges, &motion, &mut task);
+        let (noise, repeats) = self.compare_noise(past.as_mut(), judges, &motion, &mut task);
         // A replay corrects the history of light, which the mean of colours cannot follow.
         let averages = rests && noise.is_some() && !repeats && frame.replay.is_none();
         let still = past.as_mut().and_then(|past| past.still.take());
@@ -270,7 +269,7 @@ impl Svgf {
 
     /// Detects noise that repeats that of the previous frame, where samples are to judge. If they do not, every pixel shows the
     /// default number of passes. Also returns what the next frame is compared with.
-    fn listen(
+    fn compare_noise(
         &self,
         past: Option<&mut State>,
         judges: Option<&Image>,
@@ -283,7 +282,7 @@ impl Svgf {
         let (noise, repeats) = match judges {
             Some(sample) => {
                 let before = past.and_then(|past| past.noise.take());
-                let (noise, repeats) = Noise::see(before, sample.pixels(), motion.pixels());
+                let (noise, repeats) = Noise::compare(before, sample.pixels(), motion.pixels());
                 (Some(noise), repeats)
             }
             None => (None, false),

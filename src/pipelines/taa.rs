@@ -21,21 +21,19 @@ pub use self::params::{Limits, Params};
 use self::sweep::Sweep;
 use super::correction::{correct, innovate, scale};
 use super::frame::{
-    Frame, Output, Pipeline, Report, Steps, Summary, SurfaceRecords, Upkeep, check_size,
+    Frame, Mistake, Output, Pipeline, Report, Steps, Summary, SurfaceRecords, Upkeep, check_size,
 };
-use super::motion_check::Mistake;
-use super::recall::find_gradient;
 use super::repetition::Noise;
 use crate::error::{Error, Result};
 use crate::image::{Image, Pixels, Records};
-use crate::kernels::camera::dilate::{self, Choice, dilate_motion};
+use crate::kernels::camera::dilate::{Choice, dilate};
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::fetch::footprint::Filter;
 use crate::kernels::fetch::reproject::{self, Fetch, reproject};
 use crate::kernels::fetch::validate::Tests;
 use crate::kernels::judge::alternation::{self, alternation};
 use crate::kernels::judge::exposure::exposure;
-use crate::kernels::judge::gradient;
+use crate::kernels::judge::gradient::{self, find_gradient};
 use crate::kernels::judge::innovation;
 use crate::kernels::judge::light_change::light_change_along;
 use crate::kernels::merge::resolve::{self, resolve};
@@ -130,8 +128,11 @@ impl Stage {
         drop(still);
         let correction = corrects.then_some(AFTER_DENOISER);
         self.correct(correction, frame.color, motion, bright, shown);
-        let kind = [repeats, frame.jitter.is_some()];
-        self.mix(frame.color, color, motion, bright, kind, shown);
+        let noise = mix::SampleNoise {
+            repeats,
+            jittered: frame.jitter.is_some(),
+        };
+        self.mix(frame.color, color, motion, bright, noise, shown);
         missing
     }
 
@@ -217,20 +218,19 @@ impl Stage {
         missing
     }
 
-    /// Mixes samples and denoised colour into what [`Self::step`] has shown of the latter, if the parameters say so. `kind`
-    /// tells whether the noise of the samples repeats, and whether all are at the same place of their pixels.
+    /// Mixes samples and denoised colour into what [`Self::step`] has shown of the latter, if the parameters say so.
     fn mix(
         &mut self,
         samples: Pixels,
         denoised: Pixels,
         motion: Pixels,
         exposure: f32,
-        kind: [bool; 2],
+        noise: mix::SampleNoise,
         shown: &mut [f32],
     ) {
         if let Some(history) = self.history.as_mut().filter(|_| self.params.choice) {
             let seen = history.seen.take();
-            history.seen = Some(mix(seen, samples, denoised, motion, exposure, kind, shown));
+            history.seen = Some(mix(seen, samples, denoised, motion, exposure, noise, shown));
         }
     }
 
@@ -274,14 +274,6 @@ fn fetch(past: Pixels, motion: Pixels, tests: Tests, filter: Filter) -> (Image, 
         .try_into()
         .expect("an image for each that is fetched");
     (image, coverage)
-}
-
-/// The motion that pixels take from their neighbourhoods.
-pub(super) fn dilate(motion: Pixels, choice: Choice, params: dilate::Params) -> Image {
-    let mut dilated = Image::blank(motion.size, motion.channels);
-    let out = dilated.bands().map(PixelsMut::Planar);
-    dilate_motion(motion, choice, params, out);
-    dilated
 }
 
 /// The temporal gradient from the reprojected history to a colour.
@@ -397,9 +389,9 @@ impl Taa {
         let tests = (params.limits).tests(frame.surface, surface.unwrap_or_default(), rays);
         let depth = frame.surface.depth.filter(|_| params.dilate.is_some());
         used.extend(list_used(&tests, depth.is_some()));
-        let heard = (samples.filter(|_| params.choice))
-            .map(|samples| Noise::see(noise, samples, motion.pixels()));
-        let (noise, repeats) = heard.unzip();
+        let compared = (samples.filter(|_| params.choice))
+            .map(|samples| Noise::compare(noise, samples, motion.pixels()));
+        let (noise, repeats) = compared.unzip();
         let repeats = repeats.unwrap_or(false);
         let (shown, report) = output.parts(size);
         let (motion, tested) = (motion.pixels(), Some((tests, report)));

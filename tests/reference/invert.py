@@ -21,7 +21,7 @@ def invert_motion(motion: Tensor, depth: Tensor | None = None, *, still: Tensor 
     motion = motion.float()  # (H, W, 2|3)
     x, y = columns + motion[..., 0], rows + motion[..., 1]  # (H, W), (H, W)
     z = torch.ones(height, width) if depth is None else torch.where(depth > 0, depth, torch.nan).float()  # (H, W)
-    z = z + motion[..., 2] if channels == 3 else z  # (H, W)
+    z = z + motion[..., 2] if channels == 3 and depth is not None else z  # (H, W)
     column, row = (x + 0.5).floor(), (y + 0.5).floor()  # (H, W), (H, W)
     inside = (column >= 0) & (column < width) & (row >= 0) & (row < height) & (z > 0)  # (H, W)
     # Sorted by depth, then by position in the image.

@@ -96,8 +96,8 @@ def joint_bilateral_upsample(
             inside = ((block_y >= 0) & (block_y < len(rows)))[:, None] & (block_x >= 0) & (block_x < len(columns))
             block_x, block_y = block_x.clamp(0, len(columns) - 1), block_y.clamp(0, len(rows) - 1)  # (W,), (H,)
             across, along = columns[block_x] - x, rows[block_y] - y  # (W,), (H,), from pixel to pixel
-            inside &= (along.abs() <= radius * scale)[:, None] & (across.abs() <= radius * scale)  # (H, W)
             dx, dy = across + right - pixel_x, (along + down - pixel_y)[:, None]  # (W,), (H, 1), to the sample
+            inside = inside & (dy.abs() <= radius * scale) & (dx.abs() <= radius * scale)  # (H, W)
 
             def tap(image, block_x=block_x, block_y=block_y):
                 return image[block_y][:, block_x]  # (H, W, ...)

@@ -203,8 +203,8 @@ def read_exr(path: Source, *, mapping: Mapped | None = None, view: str | None = 
     Frame(6x4: color, normal)
     """
     path = Path(path)
-    contents = _look(path, mapping, view)
-    return _frame(contents, _pixels(contents, contents.needed()))
+    contents = read_headers(path, mapping, view)
+    return _frame(contents, read_pixels(contents, contents.needed()))
 
 
 def read_plate(path: Source, *, mapping: Mapped | None = None, view: str | None = None) -> Plate:
@@ -240,8 +240,8 @@ def read_plate(path: Source, *, mapping: Mapped | None = None, view: str | None 
     (Frame(6x4: color), 1)
     """
     path = Path(path)
-    contents = _look(path, mapping, view)
-    parts = _pixels(contents)
+    contents = read_headers(path, mapping, view)
+    parts = read_pixels(contents)
     frame = _frame(contents, parts)
     color = contents.known.buffers["color"]
     target = [contents.places[name] for name in color.target]
@@ -291,6 +291,8 @@ def write_exr(
         If the file cannot be written.
     ValueError
         If there is no such compression.
+    TypeError
+        If `like` is no plate.
     ImportError
         If the OpenEXR package is not installed.
 
@@ -311,6 +313,8 @@ def write_exr(
     exr = _openexr()
     if compression is not None and compression not in COMPRESSIONS:
         raise ValueError(f"compression: expected one of {', '.join(COMPRESSIONS)}, got {compression!r}")
+    if not isinstance(like, Plate | None):
+        raise TypeError(f"like: expected what `read_plate` returns, got {type(like).__name__}")
     header: dict[str, Any] = {} if like is None else _attributes(like.main)
     channels: dict[str, Any] = {}
     if like is not None and like.frame.shape == frame.shape:
@@ -483,7 +487,7 @@ def write_sequence(
     OSError
         If the folder cannot be written to, before the first frame is asked for.
     ValueError
-        If two names are equal, or their number is not that of the frames.
+        If two names are of one file, or of files outside the folder, or their number is not that of the frames.
 
     Examples
     --------
@@ -493,8 +497,12 @@ def write_sequence(
     ['frame_0000.exr', 'frame_0001.exr']
     """
     folder = Path(folder)
-    if names is not None and len(set(names)) < len(names):
-        raise ValueError(f"names: expected each only once, got {sorted({n for n in names if names.count(n) > 1})}")
+    for name in names or ():
+        if not name or Path(name).name != os.path.normpath(name):
+            raise ValueError(f"names: expected names of files in the folder, got {name!r}")
+    files = None if names is None else [os.path.normpath(name) for name in names]
+    if files is not None and len(set(files)) < len(files):
+        raise ValueError(f"names: expected each only once, got {sorted({n for n in files if files.count(n) > 1})}")
     _openexr()
     folder.mkdir(parents=True, exist_ok=True)
     tempfile.TemporaryFile(dir=folder).close()
@@ -541,7 +549,7 @@ def describe(path: Source, *, mapping: Mapped | None = None, view: str | None = 
     'textures are filtered together with the light, and blur'
     """
     path = Path(path)
-    contents = _look(path, mapping, view)
+    contents = read_headers(path, mapping, view)
     known, cameras = contents.known, contents.cameras()
     used = {name for one in known.buffers.values() for name in (*one.channels, *one.plus, *one.target)}
     unrecognised = tuple(name for name in contents.places if name not in used and name not in known.unused)
@@ -575,7 +583,7 @@ def describe(path: Source, *, mapping: Mapped | None = None, view: str | None = 
 
 
 @dataclass(frozen=True)
-class _Contents:
+class Contents:
     """What the headers of a file say: where channels are, and which buffers they hold."""
 
     path: Path
@@ -609,7 +617,7 @@ class _Contents:
         return _jitter(self.path, self.attributes("jitter"))
 
 
-def _look(path: Path, mapping: Mapped | None, view: str | None) -> _Contents:
+def read_headers(path: Path, mapping: Mapped | None, view: str | None) -> Contents:
     """Read the headers of a file, and recognise what it has."""
     halved = layout.check(path)
     exr = _openexr()
@@ -643,7 +651,7 @@ def _look(path: Path, mapping: Mapped | None, view: str | None) -> _Contents:
         target = places[known.buffers["color"].target[0]][0]
         main = target
     every = places | {f"{headers[i].get('name', i)}:{own}": (i, own) for i in others for own in _names(headers[i])}
-    return _Contents(path, headers, main, every, known, views, chosen if views else "")
+    return Contents(path, headers, main, every, known, views, chosen if views else "")
 
 
 def _views(headers: list[dict[str, Any]]) -> tuple[str, ...]:
@@ -717,7 +725,7 @@ def without_colour(path: Path, names: Sequence[str]) -> ValueError:
     return ValueError(f"{path}: no colour: expected channels R, G and B, got {got}{hint}")
 
 
-def _frame(contents: _Contents, parts: dict[int, Any]) -> Frame:
+def _frame(contents: Contents, parts: dict[int, Any]) -> Frame:
     """The frame that the pixels of a file make."""
     path, known = contents.path, contents.known
     if "color" not in known.buffers:
@@ -771,7 +779,7 @@ def _decoding(path: Path) -> Iterator[None]:
         raise ValueError(f"{path}: truncated or corrupt: {' '.join(str(error).split())}") from None
 
 
-def _pixels(contents: _Contents, keep: set[int] | None = None) -> dict[int, Any]:
+def read_pixels(contents: Contents, keep: set[int] | None = None) -> dict[int, Any]:
     """Parts of a file with their pixels, or all; OpenEXR skips a part that it cannot decode and only prints why."""
     exr, path, count = _openexr(), contents.path, len(contents.headers)
     numbers = sorted(keep) if keep and len(keep) < count else list(range(count))

@@ -147,17 +147,17 @@ def _entry(entry: Any, buffer: str, where: str) -> dict[str, Any]:
             raise ValueError(f"{where}.{name}: expected {' or '.join(VALUES[name])}, got {value!r}")
         if name == "near" and not _finite(value):
             raise ValueError(f"{where}.near: expected a number, got {value!r}")
+    least, most = _FEWER.get(buffer, len(CANONICAL[buffer])), len(CANONICAL[buffer])
     if "scale" in table:
         scale = table["scale"]
-        several = scale if isinstance(scale, list | tuple) else [scale] * len(CANONICAL[buffer])
-        if not several or not all(_finite(one) and one for one in several):
-            raise ValueError(f"{where}.scale: expected numbers other than 0, got {scale!r}")
+        several = scale if isinstance(scale, list | tuple) else [scale] * most
+        if not least <= len(several) <= most or not all(_finite(one) and one for one in several):
+            raise ValueError(f"{where}.scale: expected a number other than 0, or {most} of them, got {scale!r}")
         table["scale"] = tuple(float(one) for one in several)
     if "channels" in table:
         given = [table["channels"]] if isinstance(table["channels"], str) else table["channels"]
         if not isinstance(given, list | tuple) or not all(isinstance(one, str) for one in given):
             raise ValueError(f"{where}: expected names of channels, got {table['channels']!r}")
-        least, most = _FEWER.get(buffer, len(CANONICAL[buffer])), len(CANONICAL[buffer])
         if given and not least <= len(given) <= most:
             count = most if least == most else f"{least} or {most}"
             raise ValueError(f"{where}: expected {count} channels, got {len(given)}: {', '.join(given)}")

@@ -18,6 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 from .._core import Camera, motion_vectors
 from ..frame import Frame
 
+__all__ = ["camera", "render_sequence"]
+
 Matrix = NDArray[np.float64]
 
 _STILL = np.eye(4)
@@ -181,7 +183,7 @@ def render_sequence(
     for name, wanted in {"gradient": gradient, "next": next}.items():
         if wanted and not buffers:
             raise ValueError(f"{name}: expected False without buffers, got True")
-    stage = _Stage(scene)
+    stage = Stage(scene)
     views = [stage.camera(view) for view in cameras]
     if len({(view.height, view.width) for view in views}) > 1:
         raise ValueError("cameras: expected all of the same size, got several")
@@ -191,10 +193,10 @@ def render_sequence(
     for name, given in {"transforms": poses, "parameters": values}.items():
         if len(given) != len(views):
             raise ValueError(f"{name}: expected one for each of {len(views)} cameras, got {len(given)}")
-    shots = [_Shot(view, stage.sensor(view), *state) for view, *state in zip(views, poses, values, strict=True)]
+    shots = [Shot(view, stage.sensor(view), *state) for view, *state in zip(views, poses, values, strict=True)]
     if not halves:
-        return _frames(stage, shots, spp, seed, buffers, gradient, next)
-    return _pairs(*(_frames(stage, shots, spp, seed, buffers, gradient, next, half, 2) for half in range(2)))
+        return stage.frames(shots, spp, seed, buffers, gradient, next)
+    return _pairs(*(stage.frames(shots, spp, seed, buffers, gradient, next, half, 2) for half in range(2)))
 
 
 def _pairs(one: Generator[Frame], other: Generator[Frame]) -> Iterator[tuple[Frame, Frame]]:
@@ -202,64 +204,8 @@ def _pairs(one: Generator[Frame], other: Generator[Frame]) -> Iterator[tuple[Fra
         yield from zip(one, other, strict=True)
 
 
-def _frames(
-    stage: _Stage,
-    shots: list[_Shot],
-    spp: int,
-    seed: int,
-    buffers: bool,
-    gradient: bool,
-    onwards: bool,
-    part: int = 0,
-    parts: int = 1,
-) -> Generator[Frame]:
-    last: dict[str, NDArray[Any]] = {}
-    try:
-        for index, shot in enumerate(shots):
-            stage.arrange(shot.poses, shot.values)
-            sensor = stage.mi.load_dict(shot.sensor)
-            if not buffers:
-                one = stage.render(stage.light, sensor, (seed + index) * parts + part, spp)
-                yield Frame(one[""], camera=shot.known)
-                continue
-            start = ((seed + index) * parts + part) * spp
-            seeds = range(start, start + spp)
-            first = stage.sample(sensor, seeds[0])
-            total = {name: first[name].astype(np.float64) for name in ("color", "albedo", "emission")}
-            for number in seeds[1:]:
-                another = stage.sample(sensor, number)
-                for name in total:
-                    total[name] += another[name]
-            hit = first["depth"][..., 0] > 0
-            position = np.where(hit[..., None], first["position"], np.float32(np.nan))
-            ids = first["ids"]
-            before, after = shots[max(index - 1, 0)], shots[min(index + 1, len(shots) - 1)]
-            back = stage.moved(shot, before)
-            replay = None
-            if gradient and index:
-                former = start - parts * spp
-                replay = stage.replay(before, range(former, former + spp), last, [*back])
-            last = first
-            yield Frame(
-                total["color"] / spp,
-                albedo=total["albedo"] / spp,
-                normal=first["normal"],
-                depth=np.where(hit, shot.camera.project(position)[1], np.inf),
-                motion=stage.motion(shot, before, position, first),
-                motion_next=stage.motion(shot, after, position, first) if onwards else None,
-                ids=ids,
-                position=position,
-                emission=total["emission"] / spp if stage.clear else None,
-                object_normal=stage.unturned(first["normal"], ids, shot.poses) if stage.movers else None,
-                replay=replay,
-                camera=shot.known,
-            )
-    finally:
-        stage.arrange({}, {})
-
-
 @dataclass(frozen=True)
-class _Shot:
+class Shot:
     """What one frame is to show: the camera, the Mitsuba sensor made of it, where shapes are, and what else changes."""
 
     camera: Camera | _Parallel
@@ -290,7 +236,7 @@ class _Parallel:
         return uv * [self.width, self.height], (points - self.pose[:3, 3]) @ forward
 
 
-class _Stage:
+class Stage:
     """A loaded scene: its shapes moved about, seen by one camera after the other."""
 
     def __init__(self, scene: Any) -> None:
@@ -308,6 +254,8 @@ class _Stage:
         self.changing: set[str] = set()
         self.standing: dict[str, Any] = {}
         self.intrinsics: tuple[Matrix, int, int] | None = None
+        #: The first sensor's `to_world`.
+        self.pose = _STILL
         self.lens: dict[str, Any] = {"type": "perspective"}
         if scene.sensors() and scene.sensors()[0].class_name() == "OrthographicCamera":
             sensor, known = scene.sensors()[0], mi.traverse(scene.sensors()[0])
@@ -318,8 +266,8 @@ class _Stage:
         elif scene.sensors():
             sensor = scene.sensors()[0]
             base = camera(sensor)
-            to_world = _matrix(sensor.world_transform(), "sensor")
-            self.intrinsics = base.world_to_clip @ to_world, base.width, base.height
+            self.pose = _matrix(sensor.world_transform(), "sensor")
+            self.intrinsics = base.world_to_clip @ self.pose, base.width, base.height
             known = mi.traverse(sensor)
             if "aperture_radius" in known:
                 self.lens["type"] = "thinlens"
@@ -333,6 +281,62 @@ class _Stage:
         bsdfs = [shape.bsdf() for shape in scene.shapes()]
         mirrors = [bsdf is not None and not mi.has_flag(bsdf.flags(), mi.BSDFFlags.Diffuse) for bsdf in bsdfs]
         self.mirrors = np.array([False, *mirrors, False])
+
+    def frames(
+        self,
+        shots: list[Shot],
+        spp: int,
+        seed: int,
+        buffers: bool,
+        gradient: bool,
+        onwards: bool,
+        part: int = 0,
+        parts: int = 1,
+    ) -> Generator[Frame]:
+        """Render shots one by one, as `render_sequence` does; of several parts of the samples, only one."""
+        last: dict[str, NDArray[Any]] = {}
+        try:
+            for index, shot in enumerate(shots):
+                self.arrange(shot.poses, shot.values)
+                sensor = self.mi.load_dict(shot.sensor)
+                if not buffers:
+                    one = self.render(self.light, sensor, (seed + index) * parts + part, spp)
+                    yield Frame(one[""], camera=shot.known)
+                    continue
+                start = ((seed + index) * parts + part) * spp
+                seeds = range(start, start + spp)
+                first = self.sample(sensor, seeds[0])
+                total = {name: first[name].astype(np.float64) for name in ("color", "albedo", "emission")}
+                for number in seeds[1:]:
+                    another = self.sample(sensor, number)
+                    for name in total:
+                        total[name] += another[name]
+                hit = first["depth"][..., 0] > 0
+                position = np.where(hit[..., None], first["position"], np.float32(np.nan))
+                ids = first["ids"]
+                before, after = shots[max(index - 1, 0)], shots[min(index + 1, len(shots) - 1)]
+                back = self.moved(shot, before)
+                replay = None
+                if gradient and index:
+                    former = start - parts * spp
+                    replay = self.replay(before, range(former, former + spp), last, [*back])
+                last = first
+                yield Frame(
+                    total["color"] / spp,
+                    albedo=total["albedo"] / spp,
+                    normal=first["normal"],
+                    depth=np.where(hit, shot.camera.project(position)[1], np.inf),
+                    motion=self.motion(shot, before, position, first),
+                    motion_next=self.motion(shot, after, position, first) if onwards else None,
+                    ids=ids,
+                    position=position,
+                    emission=total["emission"] / spp if self.clear else None,
+                    object_normal=self.unturned(first["normal"], ids, shot.poses) if self.movers else None,
+                    replay=replay,
+                    camera=shot.known,
+                )
+        finally:
+            self.arrange({}, {})
 
     @cached_property
     def surface(self) -> Any:
@@ -420,7 +424,7 @@ class _Stage:
         self.movers |= named.keys()
         return {name: _matrix(pose, f"transforms[{name!r}]") for name, pose in named.items()}
 
-    def moved(self, shot: _Shot, other: _Shot) -> dict[int, Matrix]:
+    def moved(self, shot: Shot, other: Shot) -> dict[int, Matrix]:
         """By id, from where shapes are in a shot to where they are in another; those that differ."""
         return {
             self.index[name]: other.poses.get(name, _STILL) @ np.linalg.inv(shot.poses.get(name, _STILL))
@@ -429,7 +433,7 @@ class _Stage:
         }
 
     def motion(
-        self, shot: _Shot, other: _Shot, position: NDArray[Any], seen: Mapping[str, NDArray[Any]]
+        self, shot: Shot, other: Shot, position: NDArray[Any], seen: Mapping[str, NDArray[Any]]
     ) -> NDArray[np.float32]:
         """Motion of what one shot sees to where it is in another."""
         ids, moved = seen["ids"], self.moved(shot, other)
@@ -456,7 +460,7 @@ class _Stage:
         change = np.concatenate([others - pixels, (further - depth)[..., None]], -1)
         return np.where(exact[..., None], change, vectors).astype(np.float32)
 
-    def vertices(self, shot: _Shot, name: str) -> Matrix:
+    def vertices(self, shot: Shot, name: str) -> Matrix:
         """Where the vertices of a mesh are in a shot, (N, 3)."""
         key = name + _VERTICES
         return np.array(shot.values.get(key, self._standing(key)), np.float64).reshape(-1, 3)
@@ -532,7 +536,7 @@ class _Stage:
         self.parameters.set_dirty(key)
 
     def replay(
-        self, shot: _Shot, seeds: range, then: Mapping[str, NDArray[Any]], moved: list[int]
+        self, shot: Shot, seeds: range, then: Mapping[str, NDArray[Any]], moved: list[int]
     ) -> NDArray[np.float64]:
         """A former shot's colour in the scene as it is now; NaN where its first sample meets something else."""
         sensor = self.mi.load_dict(shot.sensor)

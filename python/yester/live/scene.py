@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from .. import Camera, Frame
 from ..io import mitsuba as renderer
-from ..study.rendered import scenes
+from ..study.rendered import build, scenes
 
 __all__ = ["Pose", "Shot", "World", "prepare"]
 
@@ -91,20 +91,20 @@ class Shot:
 class _Film:
     """The shots of a sequence that goes on as long as it is asked for: holds the newest two."""
 
-    last: tuple[renderer._Shot, ...] = field(default=(), init=False)
+    last: tuple[renderer.Shot, ...] = field(default=(), init=False)
     count: int = field(default=0, init=False)
 
-    def add(self, shot: renderer._Shot) -> None:
+    def add(self, shot: renderer.Shot) -> None:
         self.last = (*self.last, shot)[-2:]
         self.count += 1
 
     def __len__(self) -> int:
         return self.count
 
-    def __getitem__(self, index: int) -> renderer._Shot:
+    def __getitem__(self, index: int) -> renderer.Shot:
         return self.last[index - self.count]
 
-    def __iter__(self) -> Iterator[renderer._Shot]:
+    def __iter__(self) -> Iterator[renderer.Shot]:
         while True:
             yield self.last[-1]
 
@@ -141,15 +141,15 @@ class World:
         self.flies = self.path is None
         if self.path is None:
             sequence = scenes.cornell_box(1)
-            self._stage = renderer._Stage(_with_lamp(sequence.scene))
+            self._stage = renderer.Stage(_with_lamp(sequence.scene))
             self.home = Pose((0.0, 0.15, 3.3), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0))
-            self.fov: float = scenes._FOV
+            self.fov: float = build.FOV
             whole = 640, 480
             self._stage.poses({"cube": np.eye(4)})
             names = ["light.emitter.radiance.value"]
         else:
             try:
-                self._stage = renderer._Stage(self.path)
+                self._stage = renderer.Stage(self.path)
             except RuntimeError as error:
                 raise ValueError(f"{self.path}: {error}") from error
             self.home, self.fov, whole = self._sensor()
@@ -173,7 +173,7 @@ class World:
             got = "none" if self._stage.intrinsics is None else "an orthographic one"
             raise ValueError(f"{self.path}: expected a scene with a perspective sensor, got {got}")
         projection, width, height = self._stage.intrinsics
-        to_world = renderer._matrix(self._stage.scene.sensors()[0].world_transform(), "sensor")
+        to_world = self._stage.pose
         eye, forward, above = to_world[:3, 3], to_world[:3, 2], to_world[:3, 1]
         # The axis of the scene that is up in the picture: orbits go around it.
         axis = int(np.argmax(np.abs(above)))
@@ -193,7 +193,7 @@ class World:
 
     def cube(self, flight: float) -> dict[str, NDArray[np.float64]]:
         """Where the cube is, from where the scene has it."""
-        return {"cube": scenes._flight(flight)} if self.flies else {}
+        return {"cube": scenes.box_flight(flight)} if self.flies else {}
 
     def values(self, *, light: bool) -> dict[str, Any]:
         """The parameters that differ from the scene's own."""
@@ -205,7 +205,7 @@ class World:
             self.close()
             self._film, self._shape = _Film(), shot.size
             # Declared for lists; of the shots it takes the next, the one before, and how many there are.
-            self._frames = renderer._frames(self._stage, self._film, 1, self.seed, True, False, False)  # type: ignore[arg-type]
+            self._frames = self._stage.frames(self._film, 1, self.seed, True, False, False)  # type: ignore[arg-type]
         self._film.add(self._staged(shot))
         self.seed += 1
         return next(self._frames)
@@ -215,12 +215,12 @@ class World:
         self.close()
         # Seeds far from those of the frames.
         seed += 1 << 30
-        with closing(renderer._frames(self._stage, [self._staged(shot)], spp, seed, False, False, False)) as frames:
+        with closing(self._stage.frames([self._staged(shot)], spp, seed, False, False, False)) as frames:
             return next(frames)
 
-    def _staged(self, shot: Shot) -> renderer._Shot:
+    def _staged(self, shot: Shot) -> renderer.Shot:
         camera = self.camera(shot.pose, shot.size)
-        return renderer._Shot(camera, self._stage.sensor(camera), self.cube(shot.flight), self.values(light=shot.light))
+        return renderer.Shot(camera, self._stage.sensor(camera), self.cube(shot.flight), self.values(light=shot.light))
 
     def close(self) -> None:
         """End the sequence."""
@@ -235,7 +235,7 @@ def _vector(values: NDArray[np.floating[Any]]) -> Vector:
 
 def _with_lamp(scene: dict[str, Any]) -> dict[str, Any]:
     """A small warm lamp, so that something is seen when the light of the ceiling is off."""
-    place = scenes._mitsuba().ScalarTransform4f
+    place = build.mitsuba().ScalarTransform4f
     lamp = {
         "type": "sphere",
         "to_world": place().translate([-0.7, 0.15, -0.5]).scale(0.09),

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import Frame, Output
+from .. import Frame, Output, rejection
 from ..metrics import srgb
 
 __all__ = ["VIEWS", "Moment", "View", "shown"]
@@ -126,9 +126,7 @@ def _motion(moment: Moment, _: float) -> Bytes | None:
 @cache
 def _reasons() -> Bytes:
     """The colour of each combination of rejections: the mean of theirs, as in the report."""
-    from ..study.compare.report import _REJECTIONS
-
-    colors = {bit: np.array([int(c[i : i + 2], 16) for i in (1, 3, 5)]) for bit, c in _REJECTIONS.items()}
+    colors = {bit: np.array([int(c[i : i + 2], 16) for i in (1, 3, 5)]) for bit, c in rejection.COLORS.items()}
     table = np.zeros((256, 3), np.uint8)
     for mask in range(1, 256):
         if given := [color for bit, color in colors.items() if mask & bit]:

@@ -2,7 +2,7 @@
 
 use pyo3::prelude::*;
 
-use super::{FrameArgs, Output, Pipeline};
+use super::{FrameArgs, Output, Pipeline, alone};
 use crate::bindings::arrays::choice;
 use crate::kernels::fetch::validate;
 use crate::kernels::fetch::validate::Threshold;
@@ -57,11 +57,12 @@ use crate::pipelines::{bmfr, history};
 /// Notes
 /// -----
 /// The method is that of Koskela et al. [1]_. Each step consists of this package's functions and gives their bits:
-/// `is_reflectance` (if there are ids), `demodulate`, `suppress_fireflies`, `motion_vectors`, `reproject` (with
-/// `consistency`), `temporal_gradient`, `accumulate`, `regress`, `blend`, `innovation`, `remodulate`, and those of
-/// `TAA`, corrected as in `SVGF`. From frame to frame the grid of blocks is offset by (0, 0), (4, 4), (2, 6), (6, 2),
-/// (1, 3), (5, 7), (3, 1) and (7, 5) eighths of a block. Pixels with black albedo are not fitted: they emit light or
-/// show background. The weight of the N-th fit is at least 1/N.
+/// `motion_vectors`, `is_reflectance` (if there are ids), `demodulate`, `reproject` (with `consistency`),
+/// `light_change` (with `innovation`, without a replay), `suppress_fireflies`, `temporal_gradient`, `accumulate`,
+/// `regress`, `blend`, `repetition`, `innovation`, `remodulate`, and those of `TAA`, corrected as in `SVGF`. From
+/// frame to frame the grid of blocks is offset by (0, 0), (4, 4), (2, 6), (6, 2), (1, 3), (5, 7), (3, 1) and (7, 5)
+/// eighths of a block. Pixels with black albedo are not fitted: they emit light or show background. The weight of the
+/// N-th fit is at least 1/N.
 ///
 /// References
 /// ----------
@@ -158,16 +159,17 @@ impl BMFR {
     ///     If the size changes, or albedo appears or vanishes, without `reset` in between; if `out` does not fit.
     #[pyo3(signature = (frame, out=None))]
     fn step<'py>(
-        &mut self,
+        slf: &Bound<'py, Self>,
         py: Python<'py>,
         frame: &Bound<'py, PyAny>,
         out: Option<&Bound<'py, Output>>,
     ) -> PyResult<Output> {
-        FrameArgs::new(frame)?.step(py, out, &mut self.inner)
+        FrameArgs::new(frame)?.step(py, out, &mut alone(slf)?.inner)
     }
 
     /// Discard all history; the next frame starts a new sequence.
-    fn reset(&mut self) {
-        self.inner.reset();
+    fn reset(slf: &Bound<Self>) -> PyResult<()> {
+        alone(slf)?.inner.reset();
+        Ok(())
     }
 }

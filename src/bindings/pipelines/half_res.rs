@@ -6,7 +6,7 @@ use super::Pipeline;
 use super::svgf::SVGF;
 use crate::error::whole;
 use crate::kernels::merge::accumulate;
-use crate::kernels::smooth::{atrous, fireflies, joint_bilateral, lend};
+use crate::kernels::smooth::{atrous, fireflies, joint_bilateral};
 use crate::pipelines::{history, svgf};
 
 /// Denoise frames of which only a part is traced, such as one pixel of each 2×2, another one in each frame.
@@ -104,11 +104,7 @@ impl HalfRes {
         innovation: bool,
         antialias: bool,
     ) -> PyResult<PyClassInitializer<Self>> {
-        let window = joint_bilateral::Params {
-            radius: joint_bilateral::Params::radius(radius)?,
-            ..Default::default()
-        };
-        let whole = svgf::Params::half_res(lend::Params { weight, window });
+        let whole = svgf::Params::half_res(weight, joint_bilateral::Params::radius(radius)?);
         let params = svgf::Params {
             history: history::Params {
                 accumulate: accumulate::Params {

@@ -11,8 +11,10 @@ use std::ffi::CString;
 use std::sync::OnceLock;
 
 use numpy::{Element, PyArrayDyn, PyUntypedArrayMethods};
-use pyo3::exceptions::{PyDeprecationWarning, PyUserWarning};
+use pyo3::PyClass;
+use pyo3::exceptions::{PyDeprecationWarning, PyRuntimeError, PyUserWarning};
 use pyo3::prelude::*;
+use pyo3::pyclass::boolean_struct::False;
 use pyo3::types::{PyDict, PyTuple};
 
 use crate::bindings::arrays::{
@@ -776,6 +778,17 @@ fn split<'py>(
 /// What a user should know of frames whose noise repeats.
 const REPEATS: &str = "color: expected new noise in every frame, got that of the frame before, which hides as much as one \
                        frame alone: render each with another seed, and none twice";
+
+/// A pipeline for the time of a call. Another thread may be in a step of it.
+fn alone<'py, T: PyClass<Frozen = False>>(pipeline: &Bound<'py, T>) -> PyResult<PyRefMut<'py, T>> {
+    pipeline.try_borrow_mut().map_err(|_| {
+        let name = pipeline.as_any().get_type().name();
+        let name = name.map_or_else(|_| "pipeline".into(), |name| name.to_string());
+        PyRuntimeError::new_err(format!(
+            "{name}: expected one thread at a time, got a call while another thread is in a step"
+        ))
+    })
+}
 
 fn warn(py: Python<'_>, message: &str) -> PyResult<()> {
     let category = py.get_type::<PyUserWarning>();

@@ -2,7 +2,7 @@
 
 use pyo3::prelude::*;
 
-use super::{FrameArgs, Output, Pipeline, renamed};
+use super::{FrameArgs, Output, Pipeline, alone, renamed};
 use crate::bindings::arrays::choice;
 use crate::kernels::fetch::pull_push;
 use crate::pipelines::Pipeline as _;
@@ -160,16 +160,17 @@ impl Recirculation {
     ///     if `out` does not fit.
     #[pyo3(signature = (frame, out=None))]
     fn step<'py>(
-        &mut self,
+        slf: &Bound<'py, Self>,
         py: Python<'py>,
         frame: &Bound<'py, PyAny>,
         out: Option<&Bound<'py, Output>>,
     ) -> PyResult<Output> {
-        FrameArgs::new(frame)?.step(py, out, &mut self.inner)
+        FrameArgs::new(frame)?.step(py, out, &mut alone(slf)?.inner)
     }
 
     /// Discard all history; the next frame starts a new sequence.
-    fn reset(&mut self) {
-        self.inner.reset();
+    fn reset(slf: &Bound<Self>) -> PyResult<()> {
+        alone(slf)?.inner.reset();
+        Ok(())
     }
 }

@@ -2,7 +2,7 @@
 
 use pyo3::prelude::*;
 
-use super::{FrameArgs, History, Output, Parts, Pipeline, split};
+use super::{FrameArgs, History, Output, Parts, Pipeline, alone, split};
 use crate::kernels::fetch::validate::{self, Threshold};
 use crate::kernels::merge::accumulate;
 use crate::kernels::smooth::guide::Sigmas;
@@ -128,8 +128,8 @@ use crate::pipelines::{history, svgf, taa};
 /// Notes
 /// -----
 /// The method is that of Schied et al. [1]_, with their later gradient [2]_. Each step consists of this package's
-/// functions and gives their bits: `is_reflectance` (if there are ids), `demodulate`, `suppress_fireflies`,
-/// `motion_vectors`, `reproject` (with `consistency`), `incoherent_guides`, `light_change` (without a replay),
+/// functions and gives their bits: `motion_vectors`, `is_reflectance` (if there are ids), `demodulate`, `repetition`,
+/// `reproject` (with `consistency`), `incoherent_guides`, `light_change` (without a replay), `suppress_fireflies`,
 /// `temporal_gradient`, `virtual_motion` and `prediction_gain`, `accumulate`, `combine_histories` (with `later`),
 /// `choice`, `estimate_variance`, `atrous`, `compare_candidates` and `innovation` (with the `exposure` of the history),
 /// `remodulate`, those of `TAA`, `innovation` of its result and history (with the `exposure` of the result,
@@ -287,13 +287,13 @@ impl SVGF {
     /// denoise : Runs a pipeline over a sequence.
     #[pyo3(signature = (frame, out=None, *, later=None))]
     fn step<'py>(
-        &mut self,
+        slf: &Bound<'py, Self>,
         py: Python<'py>,
         frame: &Bound<'py, PyAny>,
         out: Option<&Bound<'py, Output>>,
         later: Option<&Bound<'py, History>>,
     ) -> PyResult<Output> {
-        FrameArgs::new(frame)?.step_between(py, out, later, &mut self.inner)
+        FrameArgs::new(frame)?.step_between(py, out, later, &mut alone(slf)?.inner)
     }
 
     /// Go on to the next frame as `step` does, but tell what history expects of its pixels instead of showing it.
@@ -312,8 +312,12 @@ impl SVGF {
     /// ------
     /// ValueError
     ///     As of `step`.
-    fn recall<'py>(&mut self, py: Python<'py>, frame: &Bound<'py, PyAny>) -> PyResult<History> {
-        FrameArgs::new(frame)?.recall(py, &mut self.inner)
+    fn recall<'py>(
+        slf: &Bound<'py, Self>,
+        py: Python<'py>,
+        frame: &Bound<'py, PyAny>,
+    ) -> PyResult<History> {
+        FrameArgs::new(frame)?.recall(py, &mut alone(slf)?.inner)
     }
 
     /// Make the pipeline without its output stage, and the stage.
@@ -340,7 +344,8 @@ impl SVGF {
     }
 
     /// Discard all history; the next frame starts a new sequence.
-    fn reset(&mut self) {
-        self.inner.reset();
+    fn reset(slf: &Bound<Self>) -> PyResult<()> {
+        alone(slf)?.inner.reset();
+        Ok(())
     }
 }

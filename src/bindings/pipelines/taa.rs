@@ -2,7 +2,7 @@
 
 use pyo3::prelude::*;
 
-use super::{FrameArgs, Output, Pipeline, renamed};
+use super::{FrameArgs, Output, Pipeline, alone, renamed};
 use crate::bindings::arrays::choice as one_of;
 use crate::kernels::fetch::footprint::Filter;
 use crate::kernels::fetch::validate::Threshold;
@@ -253,17 +253,18 @@ impl TAA {
     ///     If the size changes without `reset` in between; if `out` or `samples` do not fit.
     #[pyo3(signature = (frame, out=None, *, samples=None))]
     fn step<'py>(
-        &mut self,
+        slf: &Bound<'py, Self>,
         py: Python<'py>,
         frame: &Bound<'py, PyAny>,
         out: Option<&Bound<'py, Output>>,
         samples: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Output> {
-        FrameArgs::new(frame)?.step_denoised(py, out, samples, &mut self.inner)
+        FrameArgs::new(frame)?.step_denoised(py, out, samples, &mut alone(slf)?.inner)
     }
 
     /// Discard all history; the next frame starts a new sequence.
-    fn reset(&mut self) {
-        self.inner.reset();
+    fn reset(slf: &Bound<Self>) -> PyResult<()> {
+        alone(slf)?.inner.reset();
+        Ok(())
     }
 }

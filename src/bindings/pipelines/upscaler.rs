@@ -2,7 +2,7 @@
 
 use pyo3::prelude::*;
 
-use super::{FrameArgs, Output, Pipeline};
+use super::{FrameArgs, Output, Pipeline, alone};
 use crate::kernels::fetch::validate::Threshold;
 use crate::kernels::judge::blend_factor;
 use crate::pipelines::Pipeline as _;
@@ -123,16 +123,17 @@ impl Upscaler {
     ///     If the size changes without `reset` in between; if `out` does not fit.
     #[pyo3(signature = (frame, out=None))]
     fn step<'py>(
-        &mut self,
+        slf: &Bound<'py, Self>,
         py: Python<'py>,
         frame: &Bound<'py, PyAny>,
         out: Option<&Bound<'py, Output>>,
     ) -> PyResult<Output> {
-        FrameArgs::new(frame)?.step(py, out, &mut self.inner)
+        FrameArgs::new(frame)?.step(py, out, &mut alone(slf)?.inner)
     }
 
     /// Discard all history; the next frame starts a new sequence.
-    fn reset(&mut self) {
-        self.inner.reset();
+    fn reset(slf: &Bound<Self>) -> PyResult<()> {
+        alone(slf)?.inner.reset();
+        Ok(())
     }
 }

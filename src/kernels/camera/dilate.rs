@@ -276,6 +276,14 @@ struct Dilate<'a> {
     params: Params,
 }
 
+/// [`dilate_motion`] as an image.
+pub fn dilate(motion: Pixels, choice: Choice, params: Params) -> Image {
+    let mut dilated = Image::blank(motion.size, motion.channels);
+    let out = dilated.bands().map(PixelsMut::Planar);
+    dilate_motion(motion, choice, params, out);
+    dilated
+}
+
 /// Writes the motion of the chosen neighbour.
 pub fn dilate_motion<'a>(
     motion: Pixels<'a>,

@@ -3,7 +3,7 @@
 //! A renderer writes where a surface was, not where it will be. Pixel q of the next frame knows both: its surface was at
 //! p = q + m(q), at depth z(q) + m_z(q), and so moves by −m(q) from there. Every pixel is scattered to the pixel that
 //! contains p, and the nearest surface stays. Pixels that nothing reaches are not seen in the next frame, or lie in a crack
-//! where points move apart: they take the nearest surface among their neighbours' points less than a pixel away.
+//! where points move apart: they take the nearest surface among their neighbours' points less than a pixel away along each axis.
 //!
 //! That is the motion of a point somewhere in the pixel. Where it differs by at most half a pixel from the motion of a
 //! still scene, which cameras tell exactly, the latter is meant; it also holds where nothing else is known.
@@ -67,17 +67,14 @@ impl Points<'_> {
     fn place(&self, [x, y]: [usize; 2]) -> [f32; 3] {
         let index = y * self.size().width + x;
         let of = |channel| self.motion.at(index, channel);
-        let z = self.depth.map_or(1.0, |depth| depth.at(index, 0));
-        let change = if self.motion.channels == 3 {
-            of(2)
-        } else {
-            0.0
+        let z = match self.depth.map(|depth| depth.at(index, 0)) {
+            Some(z) if !(z > 0.0) => f32::NAN,
+            Some(z) if self.motion.channels == 3 => z + of(2),
+            Some(z) => z,
+            // What a change adds up to is unknown without depth.
+            None => 1.0,
         };
-        [
-            x as f32 + of(0),
-            y as f32 + of(1),
-            if z > 0.0 { z + change } else { f32::NAN },
-        ]
+        [x as f32 + of(0), y as f32 + of(1), z]
     }
 }
 

@@ -1,5 +1,6 @@
 //! Bring history here.
 
+pub(crate) mod claims;
 pub mod footprint;
 pub mod invert;
 pub mod pull_push;

@@ -31,14 +31,17 @@ pub struct Params {
 
 impl Default for Params {
     fn default() -> Self {
-        Self {
-            factor: 2,
-            levels: usize::MAX,
-        }
+        Self::DEFAULT
     }
 }
 
 impl Params {
+    /// The same as a constant.
+    pub const DEFAULT: Self = Self {
+        factor: 2,
+        levels: usize::MAX,
+    };
+
     pub(crate) fn factor(factor: impl Whole<usize>) -> Result<usize> {
         whole("factor", factor, "2 to 16", |n| (2..=16).contains(n))
     }

@@ -96,8 +96,8 @@ impl<'a> Fetch<'a> {
         }
     }
 
-    /// Line buffers for this fetch.
-    pub fn room(&self) -> Fetched {
+    /// Scratch for this fetch.
+    pub fn scratch(&self) -> Fetched {
         let values = self.history.iter();
         Fetched {
             footprints: Footprints::new(self.size),
@@ -360,7 +360,7 @@ impl<'a> Kernel for Reproject<'a> {
         (mut values, mut coverage, mut rejection): Self::Out,
     ) {
         let mut lanes = MotionLanes::zeroed();
-        let mut fetched = self.fetch.room();
+        let mut fetched = self.fetch.scratch();
         let parts = |run| {
             let whole = self.tiles.is_none().then_some(run);
             let some = self

@@ -40,14 +40,17 @@ pub struct Params {
 
 impl Default for Params {
     fn default() -> Self {
-        Self {
-            tolerance: 0.1,
-            reach: 0.0,
-        }
+        Self::DEFAULT
     }
 }
 
 impl Params {
+    /// The same as a constant.
+    pub const DEFAULT: Self = Self {
+        tolerance: 0.1,
+        reach: 0.0,
+    };
+
     /// An error if a parameter is out of range.
     pub fn check(&self) -> Result<()> {
         in_range("tolerance", self.tolerance, "a share above 0", |v| v > 0.0)?;

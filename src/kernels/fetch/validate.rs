@@ -13,7 +13,7 @@
 //! - **luminance**: |l − l′| / max(|l|, |l′|) ≤ t; missing samples pass.
 //! - **speed**: the length of the motion in pixels.
 //! - **motion**, for frames without depth: |m − m′| − 2c ≤ t, where m is the pixel's motion, m′ that of the tap in the previous
-//!   frame, and c the least |m − m′| of all pixels that come from the tap ([`super::super::judge::claims`]).
+//!   frame, and c the least |m − m′| of all pixels that come from the tap ([`super::claims`]).
 
 use super::spans::{Span, Spans};
 use crate::error::{Error, Result, in_range};
@@ -70,7 +70,7 @@ impl Threshold {
             let got = format!("({}, {})", self.full, self.none);
             return Err(Error::value(
                 name,
-                "full trust up to less than none from",
+                "the end of full trust below the start of none",
                 got,
             ));
         }
@@ -189,7 +189,7 @@ pub struct Tests<'a> {
     normal_is_direction: bool,
     ids: Pair<'a, u32>,
     color: Pair<'a>,
-    /// What [`claims`](crate::kernels::judge::claims::claims) found.
+    /// What [`claims`](super::claims::claims) found.
     claims: Option<Pixels<'a>>,
     /// The previous camera's rays, where planes are tested.
     rays: Option<Rays>,

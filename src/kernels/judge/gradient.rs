@@ -65,6 +65,17 @@ const CHANNELS: usize = 4;
 /// Pixels along each side of a cell.
 const CELL: usize = 2;
 
+/// [`temporal_gradient`] as an image.
+pub fn find_gradient(
+    [color, previous]: [Pixels; 2],
+    coverage: Option<View>,
+    params: Params,
+) -> Image {
+    let mut gradient = Image::blank(color.size, 1);
+    temporal_gradient(color, previous, coverage, params, gradient.data_mut());
+    gradient
+}
+
 /// Writes the gradient of each pixel. `previous` counts where the coverage is above 0, or everywhere without one.
 pub fn temporal_gradient(
     color: Pixels,

@@ -29,7 +29,8 @@ const KNOWN: f32 = 0.9;
 const SPARSE: f32 = 16.0;
 /// Blocks that must tell.
 const FEWEST: usize = BLOCKS * BLOCKS / 4;
-/// How many times the spread of the blocks the change must be; if a quarter of them did not change, it is not.
+/// A change must be more than so many times the spread of the blocks' changes: it is none if a quarter of the blocks did not
+/// change.
 const BEYOND: f64 = 1.25;
 /// The spread from which on the change is not one.
 const SPREAD: f64 = 0.15;
@@ -141,7 +142,7 @@ impl<'a> Kernel for Sums<'a> {
             motion: MotionLanes::zeroed(),
             fetched: match &self.known {
                 Known::Here(..) => None,
-                Known::Along(fetch, ..) => Some(fetch.room()),
+                Known::Along(fetch, ..) => Some(fetch.scratch()),
             },
         };
         for row in rows {

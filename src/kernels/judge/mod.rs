@@ -5,7 +5,6 @@ pub mod anti_lag;
 pub mod blend_factor;
 pub(crate) mod boxes;
 pub mod choice;
-pub mod claims;
 pub mod coherence;
 pub mod collocation;
 pub mod consistency;

@@ -79,7 +79,7 @@ impl<'a> Kernel for Deviate<'a> {
 
     #[inline(always)]
     fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut deviation: BandMut<'a>) {
-        let (mut lanes, mut fetched) = (MotionLanes::zeroed(), self.before.room());
+        let (mut lanes, mut fetched) = (MotionLanes::zeroed(), self.before.scratch());
         for row in rows {
             let y = row / 2 * STEP + row % 2;
             if y >= self.now.size.height {

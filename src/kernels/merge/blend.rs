@@ -46,6 +46,13 @@ pub struct Params {
 }
 
 impl Params {
+    /// By α alone.
+    pub const PLAIN: Self = Self {
+        weighting: Weighting::None,
+        flicker: 1.0,
+        exposure: 1.0,
+    };
+
     /// Names of weightings.
     pub const WEIGHTINGS: [(&str, Weighting); 3] = [
         ("none", Weighting::None),
@@ -138,7 +145,7 @@ impl<'a> Kernel for Blend<'a> {
                     .read(run, history.each_mut().map(Row::as_mut_slice));
                 self.alpha.read(run, &mut alphas);
                 if flicker < 1.0 {
-                    calm(&colors, run, &history, flicker, &mut alphas);
+                    reduce_flicker(&colors, run, &history, flicker, &mut alphas);
                 }
                 let own = colors.own(run);
                 mix(own, &history, &alphas, weighting, exposure, &mut blended);
@@ -203,7 +210,7 @@ impl<'a> Kernel for ClipBlend<'a> {
 
 /// Reduces α where history lies near the minimum or maximum luminance of the 3×3 neighbourhood.
 #[inline(always)]
-pub(crate) fn calm(
+pub(crate) fn reduce_flicker(
     colors: &Rolling<3>,
     run: Run,
     history: &[Row; 3],

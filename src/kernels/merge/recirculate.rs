@@ -42,17 +42,20 @@ pub struct Params {
 
 impl Default for Params {
     fn default() -> Self {
-        Self {
-            blur: 0.25,
-            share: [0.0, 1.0],
-            fade: 64.0,
-            limit: 8.0,
-            fetch: false,
-        }
+        Self::DEFAULT
     }
 }
 
 impl Params {
+    /// The same as a constant.
+    pub const DEFAULT: Self = Self {
+        blur: 0.25,
+        share: [0.0, 1.0],
+        fade: 64.0,
+        limit: 8.0,
+        fetch: false,
+    };
+
     /// An error if a parameter is out of range.
     pub fn check(&self) -> Result<()> {
         in_range("blur", self.blur, "0 to 1", |v| (0.0..=1.0).contains(&v))?;

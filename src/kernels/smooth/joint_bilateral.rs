@@ -271,19 +271,20 @@ impl Fill<'_> {
         image
     }
 
-    /// The taps of row `y` that lie in rows with samples, with log₂ of their spatial weights.
+    /// The taps of row `y` whose samples are in reach, with log₂ of their spatial weights.
     fn taps(&self, y: usize) -> Vec<(Tap, f32)> {
         let scale = LOG2_E / (2.0 * self.sigma * self.sigma);
-        let all = self.samples.image.layout.taps(y, self.radius, 1);
-        all.into_iter()
-            .filter(|tap| self.samples.rows[y.wrapping_add_signed(tap.offset[1])])
-            .map(|mut tap| {
-                tap.right[0] += self.subpixel[0];
-                tap.down += self.subpixel[1];
-                let ([x], y) = (tap.right, tap.down);
-                (tap, -(x * x + y * y) * scale)
-            })
-            .collect()
+        let mut taps = self.samples.image.layout.taps(y, self.radius, 1);
+        taps.retain(|tap| self.samples.rows[y.wrapping_add_signed(tap.offset[1])]);
+        let reach = self.radius as f32;
+        let weigh = |mut tap: Tap| {
+            tap.right[0] += self.subpixel[0];
+            tap.down += self.subpixel[1];
+            let ([x], y) = (tap.right, tap.down);
+            let near = x.abs() <= reach && y.abs() <= reach;
+            near.then_some((tap, -(x * x + y * y) * scale))
+        };
+        taps.into_iter().filter_map(weigh).collect()
     }
 
     /// Weighted means of the pixels from (x, y) on; NaN without similar samples.

@@ -18,19 +18,10 @@ use crate::rows::{self, BAND, Kernel, Simd};
 /// How samples are borrowed, and what they count.
 #[derive(Clone, Copy, Debug)]
 pub struct Params {
-    /// w: how much of a sample a borrowed one is, where nothing else is known; above 0 to 1; 0.3.
+    /// w: how much of a sample a borrowed one is, where nothing else is known; above 0 to 1.
     pub weight: f32,
     /// The neighbours that samples are borrowed from.
     pub window: joint_bilateral::Params,
-}
-
-impl Default for Params {
-    fn default() -> Self {
-        Self {
-            weight: 0.3,
-            window: joint_bilateral::Params::default(),
-        }
-    }
 }
 
 impl Params {

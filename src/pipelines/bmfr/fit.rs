@@ -9,7 +9,7 @@ use std::ops::Range;
 
 use super::{FITS, LENGTH, Params};
 use crate::image::{BandMut, Image, Pixels, Records, View};
-use crate::kernels::merge::blend::{self, Alpha, Weighting, blend};
+use crate::kernels::merge::blend::{self, Alpha, blend};
 use crate::kernels::smooth::regress::{self, Features, regress};
 use crate::pixels::PixelsMut;
 use crate::rows::{self, Kernel, Simd};
@@ -66,14 +66,15 @@ pub fn accumulate_fits(fit: &Records, known: &Image, least: f32, history: &mut I
         least,
     };
     rows::run(&kernel, size.height, factor.bands());
-    let plain = blend::Params {
-        weighting: Weighting::None,
-        flicker: 1.0,
-        exposure: 1.0,
-    };
     let fits = &mut history.data_mut()[FITS.start * size.pixels()..];
     let (known, out) = (known.pixels().part(FITS), PixelsMut::planar(size, fits));
-    blend(fit.pixels(), known, Alpha::Map(factor.view()), plain, out);
+    blend(
+        fit.pixels(),
+        known,
+        Alpha::Map(factor.view()),
+        blend::Params::PLAIN,
+        out,
+    );
 }
 
 /// The regression's weights: 1, or NaN for emitters.

@@ -6,7 +6,6 @@ use std::ops::Range;
 use super::*;
 use crate::image::{BandMut, Image};
 use crate::kernels::judge::{innovation, neighborhood};
-use crate::kernels::smooth::lend;
 use crate::pipelines::{bmfr, recirculation, svgf, taa, upscaler};
 use crate::rows::{self, Kernel, Simd};
 
@@ -91,7 +90,7 @@ fn every_pipeline_runs_by_default() {
     }
     runs(svgf());
     runs(svgf::Svgf::new(svgf::Params::textbook()).expect("in range"));
-    let half_res = svgf::Params::half_res(lend::Params::default());
+    let half_res = svgf::Params::half_res(0.3, 2);
     runs(svgf::Svgf::new(half_res).expect("in range"));
     runs(bmfr::Bmfr::new(bmfr::Params::default()).expect("in range"));
     runs(taa::Taa::new(taa::Params::default()).expect("in range"));

@@ -125,7 +125,10 @@ impl<'a> History for Along<'a> {
     type Scratch = (MotionLanes, Option<Fetched>);
 
     fn scratch(&self) -> Self::Scratch {
-        (MotionLanes::zeroed(), self.fetch.as_ref().map(Fetch::room))
+        (
+            MotionLanes::zeroed(),
+            self.fetch.as_ref().map(Fetch::scratch),
+        )
     }
 
     #[inline(always)]

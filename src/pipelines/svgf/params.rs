@@ -4,7 +4,7 @@ use crate::error::{Result, in_range};
 use crate::kernels::judge::{choice, gradient, neighborhood};
 use crate::kernels::merge::accumulate;
 use crate::kernels::smooth::guide::Sigmas;
-use crate::kernels::smooth::{atrous, lend, variance};
+use crate::kernels::smooth::{atrous, joint_bilateral, lend, variance};
 use crate::math::smaller;
 use crate::pipelines::history::{self, ESTIMATED_GRADIENT};
 use crate::pipelines::taa;
@@ -113,9 +113,13 @@ impl Params {
     }
 
     /// Half resolution: frames of which a part is traced, another one each time. More noise is expected than from whole
-    /// frames, and histories to be wrong more often. Gradient, reflections and innovation ask traced samples alone.
-    pub fn half_res(mut lend: lend::Params) -> Self {
-        lend.window.sigmas = SIGMAS;
+    /// frames, and histories to be wrong more often. `weight` and `radius` are those of [`lend`]. Gradient, reflections and innovation ask traced samples alone.
+    pub fn half_res(weight: f32, radius: usize) -> Self {
+        let window = joint_bilateral::Params {
+            radius,
+            sigmas: SIGMAS,
+            ..Default::default()
+        };
         let whole = Self::default();
         let clip = neighborhood::Params {
             gamma: 0.6,
@@ -152,7 +156,7 @@ impl Params {
                 choice: false,
                 ..ANTIALIASED
             }),
-            lend: Some(lend),
+            lend: Some(lend::Params { weight, window }),
             ..whole
         }
     }
@@ -203,7 +207,10 @@ impl Params {
             ..self.atrous
         };
         let lent = self.lend.map_or(0, |lend| lend.window.radius);
-        let spread = self.history.fireflies.map_or(0, |fireflies| fireflies.radius);
+        let spread = self
+            .history
+            .fireflies
+            .map_or(0, |fireflies| fireflies.radius);
         (filter.reach().max(self.variance.radius))
             .max(lent)
             .max(spread)

@@ -28,6 +28,7 @@ use crate::kernels::fetch::footprint::Filter;
 use crate::kernels::fetch::validate::Tests;
 use crate::kernels::judge::choice::Levels;
 use crate::kernels::judge::collocation::{self, Luminances, PLANES, SHARES, collocate};
+use crate::kernels::judge::innovation::black;
 use crate::math::{is_present, larger, luminance};
 use crate::pipelines::correction::scale;
 use crate::pixels::{Colors, Row};
@@ -47,7 +48,8 @@ const REACH: usize = 4;
 const DENOISED_FROM: f32 = 0.25;
 /// One over the least fraction of tiles that must agree: single groups do by chance.
 const FEWEST: usize = 8;
-/// Frames in which tiles are not asked after too few have agreed. Asking takes four frames, so nothing is done in five of nine.
+/// Frames for which the test pauses after too few tiles have agreed. Its evidence takes four frames, so that five of nine cost
+/// nothing.
 const REST: u32 = 5;
 
 /// No sample counts for more than so many times the result's luminance plus a sixteenth of the exposure.
@@ -80,15 +82,22 @@ impl Seen {
     }
 }
 
-/// Mixes samples and denoised colour into the result, unless the noise of the samples `repeats`, so that they do not judge. If
-/// they are `aliased`, all at the same known place of their pixels, tiles must ask. Returns what the next frame needs.
+/// What is known of the samples' noise.
+pub struct SampleNoise {
+    /// Whether it is that of the frame before: such samples do not judge, and nothing is mixed.
+    pub repeats: bool,
+    /// Whether all samples of a frame are at one known place of their pixels: they are aliased however little noise they have.
+    pub jittered: bool,
+}
+
+/// Mixes samples and denoised colour into the result. Returns what the next frame needs.
 pub fn mix(
     before: Option<Seen>,
     samples: Pixels,
     denoised: Pixels,
     motion: Pixels,
     exposure: f32,
-    [repeats, aliased]: [bool; 2],
+    noise: SampleNoise,
     shown: &mut [f32],
 ) -> Seen {
     let size = samples.size;
@@ -97,7 +106,7 @@ pub fn mix(
         rest: REST,
         ..Seen::default()
     };
-    if repeats {
+    if noise.repeats {
         return resting;
     }
     if let Some(rest) = before.rest.checked_sub(1) {
@@ -108,7 +117,7 @@ pub fn mix(
     }
     let held = Held {
         samples,
-        black: exposure / 16.0,
+        black: black(exposure),
     };
     let (mut shares, mut evidence, mut samples_before) = (None, None, None);
     if let Some(luminances) = before.luminances.take() {
@@ -120,7 +129,7 @@ pub fn mix(
         let (mut found, left) = carried.unzip();
         if let Some((shares, evidence)) = found.as_mut().zip(left.as_ref()) {
             let [smooth, _] = collocation::share_of_all(evidence);
-            let smooth = smooth >= DENOISED_FROM && !aliased;
+            let smooth = smooth >= DENOISED_FROM && !noise.jittered;
             if !agree(shares, smooth) && !smooth {
                 return resting;
             }

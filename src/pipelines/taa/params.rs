@@ -27,7 +27,7 @@ pub struct Params {
     pub dilate_movers: bool,
     /// How history is interpolated.
     pub filter: Filter,
-    /// How history is clipped to the colours of the neighbourhood.
+    /// How history is clipped to the colours of the neighbourhood; its exposure is relative to that of the frame.
     pub clip: neighborhood::Params,
     /// Least blend factor of the new sample.
     pub blend_factor: blend_factor::Params,
@@ -169,11 +169,7 @@ impl Params {
             },
         },
         unguided_alpha: 0.0,
-        blend: blend::Params {
-            weighting: Weighting::None,
-            flicker: 1.0,
-            exposure: 1.0,
-        },
+        blend: blend::Params::PLAIN,
         reconstruct: None,
         limits: Limits::NONE,
         gradient: false,
@@ -315,7 +311,7 @@ impl Params {
 
     /// The same at an exposure.
     pub(super) fn exposed(mut self, bright: f32) -> Self {
-        self.clip.exposure = bright;
+        self.clip.exposure *= bright;
         self.blend.exposure *= bright;
         self
     }

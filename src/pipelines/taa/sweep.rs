@@ -25,7 +25,7 @@ use crate::kernels::judge::alternation::hold;
 use crate::kernels::judge::anti_lag;
 use crate::kernels::judge::neighborhood::Window;
 use crate::kernels::merge::accumulate::{count_missing, load_shares, tenth_power};
-use crate::kernels::merge::blend::{Weighting, calm, mix};
+use crate::kernels::merge::blend::{Weighting, mix, reduce_flicker};
 use crate::math::{Color, is_present, luminance};
 use crate::pipelines::frame::{Report, blacken_missing};
 use crate::pixels::{MotionLanes, MotionRun, PixelsMut, Row, lanes};
@@ -161,7 +161,7 @@ impl<'a> Kernel for Sweep<'a> {
                 self.blend_factors(run, colors, motion, &mut past, &mut factors);
                 let old = &past.color;
                 if blend.flicker < 1.0 {
-                    calm(&window.colors, run, old, blend.flicker, &mut factors);
+                    reduce_flicker(&window.colors, run, old, blend.flicker, &mut factors);
                 }
                 let (weighting, bright) = (blend.weighting, blend.exposure);
                 mix(colors, old, &factors, weighting, bright, &mut merged);
@@ -194,11 +194,11 @@ impl<'a> Past<'a> {
         Self {
             movers: movers.map(|fetch| Movers {
                 dilated: [[0.0; SEGMENT]; 3],
-                fetched: fetch.room(),
+                fetched: fetch.scratch(),
             }),
             dilation: dilation.map(|params| Dilation::new(sweep.motion, sweep.choice, params)),
             dilated: [[0.0; SEGMENT]; 3],
-            fetched: sweep.fetch.as_ref().map(Fetch::room),
+            fetched: sweep.fetch.as_ref().map(Fetch::scratch),
             color: [[0.0; SEGMENT]; 3],
             length: [0.0; SEGMENT],
             coverage: [0.0; SEGMENT],

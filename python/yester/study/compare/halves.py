@@ -8,15 +8,15 @@ estimates with it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from yester import Frame
-from yester.judge import _EPSILON, WEIGHTINGS, Predicted, _by_tile, _display, estimate, predictive_error
+from yester.judge import WEIGHTINGS, Predicted, estimate, predictive_error, tile_sums, weights
 
 from ..rendered.recording import Recording, record
 from ..rendered.sequences import expand, parser
@@ -25,9 +25,6 @@ from .ablation import ABLATIONS
 from .judging import Judged
 
 __all__ = ["judged", "two_buffer_error"]
-
-#: The first frame that is judged, as in `judging`.
-_START = 2
 
 Images: TypeAlias = Sequence[ArrayLike]
 
@@ -61,7 +58,7 @@ def two_buffer_error(
     Returns
     -------
     dict of str to Predicted
-        By weighting of the squared error, as in `yester.study.predictive_error`. `difference` is positive where the
+        By weighting of the squared error, as in `yester.judge.predictive_error`. `difference` is positive where the
         first method is worse; `change` is the mean squared deviation of the second method's results from their mean.
 
     Raises
@@ -103,22 +100,22 @@ def judged(one: Recording, other: Recording) -> tuple[list[Judged], list[Judged]
         One for each component. The two-buffer estimate is that of the mean of both results. The estimate by prediction
         is the mean of the estimates for either half, its standard error that of independent halves.
     """
-    halves = judging._frames(one), judging._frames(other)
+    halves = [[half.frame(i) for i in range(len(half.frames))] for half in (one, other)]
     known = sorted(one.references)
     true = {i: one.reference(i) for i in known}
     clean = [[replace(f, color=true[i]) if i in true else f for i, f in enumerate(half)] for half in halves]
     parts = [each for each in ABLATIONS if each.whole.name == "SVGF" and not each.added]
-    whole = [judging._images(parts[0].whole.run, half) for half in halves]
-    base = [judging._values(images, one) for images in (*whole, _mean(*whole))]
+    whole = [judging.colors(parts[0].whole.run, half) for half in halves]
+    base = [judging.errors(images, one) for images in (*whole, _mean(*whole))]
     by_halves, by_prediction = [], []
     for each in parts:
-        images = [judging._images(each.method.run, half) for half in halves]
-        values = [judging._values(some, one) for some in (*images, _mean(*images))]
+        images = [judging.colors(each.method.run, half) for half in halves]
+        values = [judging.errors(some, one) for some in (*images, _mean(*images))]
         *single, both = (harm.gains(*pair) for pair in zip(base, values, strict=True))
         by_halves.append(
             _judged(
                 *(one.name, each.component),
-                [two_buffer_error(images, whole, halves, start=_START)],
+                [two_buffer_error(images, whole, halves, start=judging.START)],
                 [_true_error(_mean(*images), _mean(*whole), true)],
                 [both],
             )
@@ -127,7 +124,7 @@ def judged(one: Recording, other: Recording) -> tuple[list[Judged], list[Judged]
         by_prediction.append(
             _judged(
                 *(one.name, each.component),
-                [predictive_error(a, b, half, start=_START) for a, b, half, _ in pairs],
+                [predictive_error(a, b, half, start=judging.START) for a, b, half, _ in pairs],
                 [predictive_error(a, b, shown, start=known[0] - 1) for a, b, _, shown in pairs],
                 single,
             )
@@ -158,11 +155,9 @@ def _compared(first: Images, second: Images, samples: Sequence[NDArray[np.float3
     apart = 0.25 * (((a[1] - a[0]) ** 2) - (b[1] - b[0]) ** 2).mean(-1)
     deviation = 0.25 * ((b[1] - b[0]) ** 2).mean(-1)
     result = []
-    for weighting in WEIGHTINGS:
-        weigh = _WEIGHTS[weighting]
-        together = weigh(means.mean(0))
-        difference = 0.5 * (weigh(means[0]) * worse[0] + weigh(means[1]) * worse[1]) - together * apart
-        result.append([_by_tile(image, tile) for image in (difference, known, together * deviation)])
+    for one, other, together in zip(*map(weights, (*means, means.mean(0))), strict=True):
+        difference = 0.5 * (one * worse[0] + other * worse[1]) - together * apart
+        result.append([tile_sums(image, tile) for image in (difference, known, together * deviation)])
     return np.array(result)
 
 
@@ -195,19 +190,6 @@ def _mean(one: Sequence[NDArray[np.float32]], other: Sequence[NDArray[np.float32
     """The mean of the results for both halves."""
     return [0.5 * (a + b) for a, b in zip(one, other, strict=True)]
 
-
-def _relative(mean: NDArray[np.float64]) -> NDArray[Any]:
-    return np.asarray(1 / (np.maximum(mean, 0) ** 2 + _EPSILON))
-
-
-def _on_display(mean: NDArray[np.float64]) -> NDArray[Any]:
-    return _display(np.maximum(mean, 0).astype(np.float32))
-
-
-#: Weights of squared errors, as functions of the mean over the results' channels.
-_WEIGHTS: dict[str, Callable[[NDArray[np.float64]], NDArray[Any]]] = dict(
-    zip(WEIGHTINGS, (_relative, _on_display), strict=True)
-)
 
 if __name__ == "__main__":
     main()

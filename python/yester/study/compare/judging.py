@@ -34,7 +34,7 @@ from .methods import Run, pipeline
 __all__ = ["SHAPE", "Judged", "Worth", "compare", "correlations", "judged", "passes", "table", "worth"]
 
 #: The first frame whose results are compared: those before it have next to no history.
-_START = 2
+START = 2
 _MEASURED = ("psnr", "relmse", "flip")
 #: Passes that a pixel shows at most: one more than the default.
 _MOST = 4
@@ -86,16 +86,16 @@ class Worth(NamedTuple):
 
 def judged(recording: Recording) -> list[Judged]:
     """Estimate and measure the worth of every component of `SVGF` on one sequence with references."""
-    frames = _frames(recording)
+    frames = [recording.frame(i) for i in range(len(recording.frames))]
     known = sorted(recording.references)
     clean = [replace(frame, color=recording.reference(i)) if i in known else frame for i, frame in enumerate(frames)]
     parts = [each for each in ABLATIONS if each.whole.name == "SVGF" and not each.added]
-    whole = _images(parts[0].whole.run, frames)
-    base = _values(whole, recording)
+    whole = colors(parts[0].whole.run, frames)
+    base = errors(whole, recording)
     found = []
     for each in parts:
-        images = _images(each.method.run, frames)
-        said = predictive_error(images, whole, frames, start=_START)
+        images = colors(each.method.run, frames)
+        said = predictive_error(images, whole, frames, start=START)
         # Starts one frame before the first reference, since results are compared with the next frame's samples.
         true = predictive_error(images, whole, clean, start=known[0] - 1)
         found.append(
@@ -105,7 +105,7 @@ def judged(recording: Recording) -> list[Judged]:
                 {name: one.difference for name, one in said.items()},
                 {name: one.error for name, one in said.items()},
                 {name: one.difference for name, one in true.items()},
-                harm.gains(base, _values(images, recording)),
+                harm.gains(base, errors(images, recording)),
             )
         )
     return found
@@ -148,14 +148,14 @@ def compare(estimates: Mapping[str, Sequence[Judged]]) -> None:
 def worth(recording: Recording, door: Door = DOORS[0]) -> Worth:
     """Plan a sequence with references from its first frames, and compare the result with the default's."""
     raw = (read_exr(path).color for path in recording.raw_albedo.values()) if door.raw else repeat(None)
-    frames = [*map(door.take, _frames(recording), raw)]
+    frames = [*map(door.take, map(recording.frame, range(len(recording.frames))), raw)]
     with warnings.catch_warnings():
         # Frames without motion and cameras have no later frames, and frames without guides no plan.
         warnings.simplefilter("ignore", UserWarning)
         plan = yester.plan(frames)
         default, planned = (
             [
-                _values([output.color for output in yester.denoise(frames, pipeline, ahead)], recording)
+                errors([output.color for output in yester.denoise(frames, pipeline, ahead)], recording)
                 for ahead in (0, yester.sequence.LOOKAHEAD)
             ]
             for pipeline in (SVGF(), plan.pipeline())
@@ -188,7 +188,7 @@ def passes(recordings: Iterable[Recording]) -> str:
     """Write the shares of pixels by the number of filter passes that they show, in the frames with a reference."""
     lines = [["passes shown", *map(str, range(_MOST + 1))]]
     for recording in recordings:
-        shown = [result.choice for result in pipeline(SVGF)(_frames(recording))]
+        shown = [result.choice for result in pipeline(SVGF)(map(recording.frame, range(len(recording.frames))))]
         numbers = np.rint(np.array([shown[i] for i in recording.references])).astype(np.int64)
         shares = np.bincount(numbers.ravel(), minlength=_MOST + 1) / numbers.size
         lines.append([recording.name, *(f"{100 * share:.0f} %" for share in shares)])
@@ -205,15 +205,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print(passes(recordings))
 
 
-def _frames(recording: Recording) -> list[Frame]:
-    return [recording.frame(i) for i in range(len(recording.frames))]
-
-
-def _images(run: Run, frames: Iterable[Frame]) -> list[NDArray[np.float32]]:
+def colors(run: Run, frames: Iterable[Frame]) -> list[NDArray[np.float32]]:
+    """The colours of a method's results, in order."""
     return [result.color for result in run(frames)]
 
 
-def _values(images: Sequence[NDArray[np.float32]], recording: Recording) -> dict[str, float]:
+def errors(images: Sequence[NDArray[np.float32]], recording: Recording) -> dict[str, float]:
     """By metric, the mean over the frames with a reference."""
     pairs = [
         (Picture(images[i], "result"), Picture(recording.reference(i), str(path)))

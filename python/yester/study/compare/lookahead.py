@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yester import SVGF, Frame, denoise
-from yester.cli import _count, _size, _whole
+from yester.argtypes import count, extent, whole
 from yester.metrics import METRICS, Picture, relmse
 
 from ..rendered.recording import Recording, record
@@ -251,14 +251,14 @@ def costs(lookaheads: Sequence[int] = (0, 2, 4, 8, 16), size: tuple[int, int] = 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print all tables."""
     line = parser("yester.study.compare.lookahead", __doc__)
-    line.add_argument("--length", metavar="N", type=_count, default=20, help="frames; %(default)s")
-    line.add_argument("--size", metavar="WxH", type=_size, default=(128, 96), help="128x96")
+    line.add_argument("--length", metavar="N", type=count, default=20, help="frames; %(default)s")
+    line.add_argument("--size", metavar="WxH", type=extent, default=(128, 96), help="128x96")
     about = "frames with a reference; by default, three at the beginning, in the middle and at the end"
-    line.add_argument("--references", metavar="FRAME", type=_whole, nargs="+", help=about)
-    line.add_argument("--reference-spp", metavar="N", type=_count, help="by default, 256 or 512")
+    line.add_argument("--references", metavar="FRAME", type=whole, nargs="+", help=about)
+    line.add_argument("--reference-spp", metavar="N", type=count, help="by default, 256 or 512")
     about = "lookaheads whose time and memory are measured, or none; by default 0 2 4 8 16"
-    line.add_argument("--lookaheads", metavar="N", type=_whole, nargs="*", default=(0, 2, 4, 8, 16), help=about)
-    line.add_argument("--time-size", metavar="WxH", type=_size, default=(640, 360), help="of timed frames; 640x360")
+    line.add_argument("--lookaheads", metavar="N", type=whole, nargs="*", default=(0, 2, 4, 8, 16), help=about)
+    line.add_argument("--time-size", metavar="WxH", type=extent, default=(640, 360), help="of timed frames; 640x360")
     options = line.parse_args(arguments)
     width, height = options.size
     asked = options.references or {i for part in places(options.length).values() for i in part}

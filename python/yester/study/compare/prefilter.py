@@ -21,9 +21,9 @@ from yester._core import settings
 from yester.io.mitsuba import render_sequence
 from yester.metrics import relmse
 
-from ..rendered.recording import _clean, _noisy
-from ..rendered.scenes import _flight, _view, cornell_box
-from ..rendered.unseen import _exposed
+from ..rendered.build import expose
+from ..rendered.recording import render_clean, render_noisy
+from ..rendered.scenes import box_flight, box_view, cornell_box
 
 __all__ = ["SCENES", "filtered", "measure", "table"]
 
@@ -53,9 +53,9 @@ def _lens(width: int, height: int, spp: int) -> tuple[list[Frame], list[NDArray[
 def _blur(width: int, height: int, spp: int) -> tuple[list[Frame], list[NDArray[np.float32]]]:
     """With the shutter open for half of each frame."""
     scene = cornell_box(_COUNT, width, height).scene
-    exposed = _exposed(scene, _COUNT, lambda t: _view(t, width, height), lambda t: {"cube": _flight(t)})
-    noisy = [frame for (frame,) in _noisy(exposed, range(_COUNT), 0)]
-    return noisy, [frame.color for frame in _clean(exposed, range(_START, _COUNT), spp)]
+    exposed = expose(scene, _COUNT, lambda t: box_view(t, width, height), lambda t: {"cube": box_flight(t)})
+    noisy = [frame for (frame,) in render_noisy(exposed, range(_COUNT), 0)]
+    return noisy, [frame.color for frame in render_clean(exposed, range(_START, _COUNT), spp)]
 
 
 SCENES = {"thin lens": _lens, "motion blur": _blur}

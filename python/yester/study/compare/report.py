@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from tqdm import tqdm
 
-from yester import Rejection
+from yester import rejection
 from yester.io.files import beside
 from yester.metrics import METRICS, Metric, flip_map, metric, srgb
 
@@ -37,9 +37,6 @@ WORST, LONGEST, PASSES = 0.5, 32, 8
 COLORS = ("#0072b2", "#d55e00", "#009e73", "#b8589a", "#cc8a00", "#3d9bd1", "#7a7f87")
 _OURS, _PEERS = ("o", "^", "v", "p"), ("D", "s", "X", "P")
 INK, GRID, PAPER = "#1f2328", "#d8dee4", "#ffffff"
-_REJECTIONS = dict(
-    zip(Rejection, ("#4dabf7", "#ffd43b", "#69db7c", "#f783ac", "#ff922b", "#ffffff", "#b197fc"), strict=True)
-)
 
 #: WebP quality of images: visually lossless for colours, less for the error map, lossless for the others.
 _KINDS: dict[str, dict[str, Any]] = {
@@ -301,7 +298,7 @@ def write_report(
             },
             "rejections": [
                 {"bit": bit.value, "name": (bit.name or "").lower(), "color": color}
-                for bit, color in _REJECTIONS.items()
+                for bit, color in rejection.COLORS.items()
             ],
         }
         data["images"] = [f"data:image/webp;base64,{base64.b64encode(image).decode()}" for image in images]

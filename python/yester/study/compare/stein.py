@@ -16,13 +16,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from yester import Frame
-from yester.judge import WEIGHTINGS, Predicted, _by_tile, estimate
+from yester.judge import Predicted, estimate, tile_sums, weights
 
 from ..rendered.recording import Recording, record
 from ..rendered.sequences import expand, parser
 from . import judging
 from .ablation import ABLATIONS
-from .halves import _WEIGHTS
 from .judging import Judged
 
 __all__ = ["judged", "shifted", "stein_error"]
@@ -90,7 +89,7 @@ def stein_error(
     Returns
     -------
     dict of str to Predicted
-        By weighting of the squared error, as in `yester.study.predictive_error`. `difference` is positive where the
+        By weighting of the squared error, as in `yester.judge.predictive_error`. `difference` is positive where the
         first method is worse.
 
     Raises
@@ -126,10 +125,8 @@ def stein_error(
         slopes = ((a_shifted - a) - (b_shifted - b)) / np.asarray(shifts[t], np.float64)
         worse = ((a - b) * (a + b - 2 * y) + 2 * spread * slopes).mean(-1)
         change = ((a - b) ** 2).mean(-1)
-        weights = [_WEIGHTS[weighting](mean.mean(-1)) for weighting in WEIGHTINGS]
-        by_frame.append(
-            [[_by_tile(image, tile) for image in (weight * worse, known, weight * change)] for weight in weights]
-        )
+        pairs = [(weight * worse, weight * change) for weight in weights(mean.mean(-1))]
+        by_frame.append([[tile_sums(image, tile) for image in (one, known, other)] for one, other in pairs])
     return estimate(np.array(by_frame))
 
 
@@ -146,16 +143,16 @@ def judged(recording: Recording) -> tuple[list[Judged], list[Judged]]:
     stein, predicted : list of Judged
         One for each component.
     """
-    frames = judging._frames(recording)
+    frames = [recording.frame(i) for i in range(len(recording.frames))]
     moved, shifts = shifted(frames)
     parts = {each.component: each for each in ABLATIONS if each.whole.name == "SVGF" and not each.added}
     run = next(iter(parts.values())).whole.run
-    whole = judging._images(run, frames), judging._images(run, moved)
+    whole = judging.colors(run, frames), judging.colors(run, moved)
     predicted, stein = judging.judged(recording), []
     for one in predicted:
         method = parts[one.component].method
-        images = judging._images(method.run, frames), judging._images(method.run, moved)
-        said = stein_error(images, whole, frames, shifts, start=judging._START)
+        images = judging.colors(method.run, frames), judging.colors(method.run, moved)
+        said = stein_error(images, whole, frames, shifts, start=judging.START)
         difference = {name: each.difference for name, each in said.items()}
         stein.append(one._replace(predicted=difference, error={name: each.error for name, each in said.items()}))
     return stein, predicted

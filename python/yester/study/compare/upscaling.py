@@ -21,8 +21,8 @@ from yester.frame import present
 from yester.io import mitsuba as renderer
 from yester.metrics import flip, psnr, temporal_error
 
-from ..rendered import scenes
 from ..rendered.recording import record
+from ..rendered.sequences import find
 
 __all__ = ["METHODS", "SCALE", "Score", "denoised", "enlarge", "scores", "shrunk"]
 
@@ -49,7 +49,7 @@ def shrunk(name: str, frames: int = 16, width: int = 256, height: int = 192, *, 
     Parameters
     ----------
     name : str
-        One of `scenes.SEQUENCES`.
+        One of `sequences.NAMES`.
     frames, width, height : int
         Number of frames, and size of the output, which must be even.
     spp : int, default 4
@@ -62,7 +62,7 @@ def shrunk(name: str, frames: int = 16, width: int = 256, height: int = 192, *, 
         jittered position, and reduced to these pixels. A renderer whose pixel filter has that width could render them
         alone.
     """
-    sequence: scenes.Sequence = getattr(scenes, name)(frames, width, height)
+    sequence = find(name)(frames, width, height)
     offsets = jitter(_PHASES)[np.arange(frames) % _PHASES]
     places = SCALE * (0.5 + offsets)
     cells = np.floor(places).astype(int)

@@ -13,21 +13,22 @@ from numpy.typing import ArrayLike, NDArray
 
 from yester import Camera
 
-from .scenes import (
+from .build import (
     Matrix,
     Sequence,
-    _glaze,
-    _lathe,
-    _mitsuba,
-    _paint,
-    _picture,
-    _print,
-    _rings,
-    _sequence,
-    _sheet,
-    _tiles,
-    _turn,
-    _weave,
+    animate,
+    builder,
+    glaze,
+    lathe,
+    mitsuba,
+    paint,
+    picture,
+    printed,
+    rigid,
+    rings,
+    sheet,
+    tiles,
+    weave,
 )
 
 __all__ = ["NAMES", "carousel", "glass_shelf", "neon_corridor", "opening_door", "passing_day"]
@@ -36,31 +37,18 @@ __all__ = ["NAMES", "carousel", "glass_shelf", "neon_corridor", "opening_door", 
 NAMES = ("opening_door", "passing_day", "glass_shelf", "carousel", "neon_corridor")
 
 
+@builder
 def opening_door(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
     """A dim room of many materials into which a door lets light, filmed while walking.
 
     Light grows with the gap, without any sudden change, and its edge travels over what stands still; behind the door
-    more and more of the next room comes into view. The camera steps forward, and up and down.
-
-    Parameters
-    ----------
-    frames, width, height : int
-        As for `scenes.cornell_box`.
-
-    Returns
-    -------
-    Sequence
-        The moving shapes are called `"door"` and `"handle"`, and turn about the hinge.
-
-    Raises
-    ------
-    ImportError
-        If Mitsuba is not installed.
+    more and more of the next room comes into view. The camera steps forward, and up and down. The moving shapes are
+    called `"door"` and `"handle"`, and turn about the hinge.
     """
-    place = _mitsuba().ScalarTransform4f
-    plaster = _paint([0.6, 0.56, 0.5])
+    place = mitsuba().ScalarTransform4f
+    plaster = paint([0.6, 0.56, 0.5])
     hinge, broad, tall = np.array([0.15, 0.0, -1.6]), 0.8, 1.75
-    jar = _lathe([[0.2, 0], [0.55, 0.2], [0.05, 0.6], [0.18, 0.8]], [-0.85, -0.45, -1.1])
+    jar = lathe([[0.2, 0], [0.55, 0.2], [0.05, 0.6], [0.18, 0.8]], [-0.85, -0.45, -1.1])
     scene: dict[str, Any] = {
         "type": "scene",
         "integrator": {"type": "path", "max_depth": 6},
@@ -79,7 +67,7 @@ def opening_door(frames: int = 24, width: int = 320, height: int = 240) -> Seque
         "hall": {
             "type": "rectangle",
             "to_world": place().translate([0, 0, -5]).scale([4, 3, 1]),
-            "bsdf": _tiles([0.3, 0.42, 0.5], [0.75, 0.72, 0.62], 10),
+            "bsdf": tiles([0.3, 0.42, 0.5], [0.75, 0.72, 0.62], 10),
         },
         "floor": {
             "type": "rectangle",
@@ -94,19 +82,19 @@ def opening_door(frames: int = 24, width: int = 320, height: int = 240) -> Seque
         "left wall": {
             "type": "rectangle",
             "to_world": place().translate([-1.9, 0, 0]).rotate([0, 1, 0], 90).scale([3, 2, 1]),
-            "bsdf": _picture(_weave(100, 60)),
+            "bsdf": picture(weave(100, 60)),
         },
         "right wall": {
             "type": "rectangle",
             "to_world": place().translate([1.9, 0, 0]).rotate([0, 1, 0], -90).scale([3, 2, 1]),
-            "bsdf": _tiles([0.5, 0.25, 0.2], [0.62, 0.4, 0.32], 16),
+            "bsdf": tiles([0.5, 0.25, 0.2], [0.62, 0.4, 0.32], 16),
         },
         "door": {
             "type": "cube",
             "to_world": place()
             .translate([hinge[0] + broad / 2, tall / 2 - 1, hinge[2]])
             .scale([broad / 2, tall / 2, 0.03]),
-            "bsdf": _glaze([0.45, 0.42, 0.36], 0.25),
+            "bsdf": glaze([0.45, 0.42, 0.36], 0.25),
         },
         "handle": {
             "type": "sphere",
@@ -116,18 +104,18 @@ def opening_door(frames: int = 24, width: int = 320, height: int = 240) -> Seque
         "cabinet": {
             "type": "cube",
             "to_world": place().translate([-1.05, -0.72, -1.2]).scale([0.55, 0.27, 0.3]),
-            "bsdf": _glaze([0.2, 0.1, 0.06], 0.15),
+            "bsdf": glaze([0.2, 0.1, 0.06], 0.15),
         },
-        "jar": _sheet("jar", jar, {"type": "roughconductor", "material": "Cu", "alpha": 0.2}),
+        "jar": sheet("jar", jar, {"type": "roughconductor", "material": "Cu", "alpha": 0.2}),
         "ball": {
             "type": "sphere",
             "to_world": place().translate([0.35, -0.78, -0.1]).scale(0.22),
-            "bsdf": _glaze([0.1, 0.3, 0.5], 0.08),
+            "bsdf": glaze([0.1, 0.3, 0.5], 0.08),
         },
         "stool": {
             "type": "cube",
             "to_world": place().translate([1.35, -0.75, -0.7]).rotate([0, 1, 0], 20).scale(0.25),
-            "bsdf": _tiles([0.1, 0.35, 0.25], [0.8, 0.75, 0.6], 3),
+            "bsdf": tiles([0.1, 0.35, 0.25], [0.8, 0.75, 0.6], 3),
         },
         "globe": {
             "type": "sphere",
@@ -163,31 +151,17 @@ def opening_door(frames: int = 24, width: int = 320, height: int = 240) -> Seque
     def poses(t: float) -> dict[str, Matrix]:
         return dict.fromkeys(("door", "handle"), _about(hinge, [0, 1, 0], 3 + 80 * t**1.5))
 
-    return _sequence(scene, frames, view, poses)
+    return animate(scene, frames, view, poses)
 
 
+@builder
 def passing_day(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
     """Rough ground with boulders and posts under a sun that travels, seen by a camera that turns where it stands.
 
     All shadows move, on ground whose own slopes are lit otherwise from frame to frame. Turning has no parallax: history
-    is exact, and light alone is wrong with it.
-
-    Parameters
-    ----------
-    frames, width, height : int
-        As for `scenes.cornell_box`.
-
-    Returns
-    -------
-    Sequence
-        The moving shape is called `"sun"`, and is never in view.
-
-    Raises
-    ------
-    ImportError
-        If Mitsuba is not installed.
+    is exact, and light alone is wrong with it. The moving shape is called `"sun"`, and is never in view.
     """
-    place = _mitsuba().ScalarTransform4f
+    place = mitsuba().ScalarTransform4f
     rng = np.random.default_rng(23)
     side, reach = 193, 9.0
     heights = 0.9 * _clouds(side, 1.9, rng) + 0.05 * _clouds(side, 0.9, rng)
@@ -210,7 +184,7 @@ def passing_day(frames: int = 24, width: int = 320, height: int = 240) -> Sequen
             "emitter": {"type": "area", "radiance": {"type": "rgb", "value": [2800.0, 2350.0, 1650.0]}},
         },
         # From the front to the back, so that normals point up.
-        "ground": _sheet("ground", ground[::-1], _picture(colors.clip(0.02, 0.9).astype(np.float32)), closed=False),
+        "ground": sheet("ground", ground[::-1], picture(colors.clip(0.02, 0.9).astype(np.float32)), closed=False),
     }
 
     def height_at(x: float, z: float) -> float:
@@ -223,7 +197,7 @@ def passing_day(frames: int = 24, width: int = 320, height: int = 240) -> Sequen
         scene[f"boulder-{i}"] = {
             "type": "cube" if i % 2 else "sphere",
             "to_world": at.rotate([0.3, 1, 0.2], rng.uniform(0, 180)).scale(size) if i % 2 else at.scale(size),
-            "bsdf": _paint((rng.uniform(0.7, 1.3) * np.array([0.4, 0.37, 0.34])).tolist()),
+            "bsdf": paint((rng.uniform(0.7, 1.3) * np.array([0.4, 0.37, 0.34])).tolist()),
         }
     for i, x in enumerate(np.linspace(-3, 3, 9)):
         z = -0.6 - 0.35 * x
@@ -233,7 +207,7 @@ def passing_day(frames: int = 24, width: int = 320, height: int = 240) -> Sequen
             "p0": [x, base - 0.2, z],
             "p1": [x + rng.uniform(-0.08, 0.08), base + rng.uniform(0.6, 0.9), z],
             "radius": 0.03,
-            "bsdf": {"type": "twosided", "nested": _paint([0.3, 0.2, 0.12])},
+            "bsdf": {"type": "twosided", "nested": paint([0.3, 0.2, 0.12])},
         }
 
     def view(t: float) -> Camera:
@@ -245,34 +219,20 @@ def passing_day(frames: int = 24, width: int = 320, height: int = 240) -> Sequen
     def poses(t: float) -> dict[str, Matrix]:
         # From where the scene has it: up, and around.
         return {
-            "sun": _turn([0, 1, 0], 75 - 150 * t, [0, 0, 0]) @ _turn([1, 0, 0], -18 - 22 * np.sin(np.pi * t), [0, 0, 0])
+            "sun": rigid([0, 1, 0], 75 - 150 * t, [0, 0, 0]) @ rigid([1, 0, 0], -18 - 22 * np.sin(np.pi * t), [0, 0, 0])
         }
 
-    return _sequence(scene, frames, view, poses)
+    return animate(scene, frames, view, poses)
 
 
+@builder
 def glass_shelf(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
     """Shelves full of small things of glass and metal before a patterned wall, in a slow truck.
 
     Each is a few pixels wide, refracts or mirrors all the others, and moves otherwise than what it shows. Guides know
-    its own surface alone.
-
-    Parameters
-    ----------
-    frames, width, height : int
-        As for `scenes.cornell_box`.
-
-    Returns
-    -------
-    Sequence
-        Only the camera moves.
-
-    Raises
-    ------
-    ImportError
-        If Mitsuba is not installed.
+    its own surface alone. Only the camera moves.
     """
-    place = _mitsuba().ScalarTransform4f
+    place = mitsuba().ScalarTransform4f
     rng = np.random.default_rng(31)
     scene: dict[str, Any] = {
         "type": "scene",
@@ -286,7 +246,7 @@ def glass_shelf(frames: int = 24, width: int = 320, height: int = 240) -> Sequen
         "wall": {
             "type": "rectangle",
             "to_world": place().translate([0, 0, -0.75]).scale([3, 2.2, 1]),
-            "bsdf": _picture(_weave(90, 66)),
+            "bsdf": picture(weave(90, 66)),
         },
     }
     metals = ("Au", "Cu", "Al", "Ag")
@@ -294,7 +254,7 @@ def glass_shelf(frames: int = 24, width: int = 320, height: int = 240) -> Sequen
         scene[f"board-{row}"] = {
             "type": "cube",
             "to_world": place().translate([0, low - 0.03, -0.35]).scale([2.2, 0.03, 0.4]),
-            "bsdf": _glaze([0.3, 0.18, 0.1], 0.2),
+            "bsdf": glaze([0.3, 0.18, 0.1], 0.2),
         }
         for i, x in enumerate(np.linspace(-1.5, 1.5, 13)):
             size, z = rng.uniform(0.06, 0.11), rng.uniform(-0.5, -0.1)
@@ -307,7 +267,7 @@ def glass_shelf(frames: int = 24, width: int = 320, height: int = 240) -> Sequen
                     thing: Any = {"type": "sphere", "to_world": at.translate([0, size, 0]).scale(size), "bsdf": glass}
                 case 1:
                     outline = [[0.9 * size, 0], [1.6 * size, 0.3 * tall], [0.1 * size, 0.7 * tall], [0.7 * size, tall]]
-                    thing = _sheet(f"thing-{row}-{i}", _lathe(outline, [x, low, z]), shine)
+                    thing = sheet(f"thing-{row}-{i}", lathe(outline, [x, low, z]), shine)
                 case 2:
                     turned = at.translate([0, tall / 2, 0]).rotate([0, 1, 0], rng.uniform(0, 90))
                     half = [0.6 * size, tall / 2, 0.6 * size]
@@ -317,44 +277,30 @@ def glass_shelf(frames: int = 24, width: int = 320, height: int = 240) -> Sequen
                 case _:
                     turned = at.translate([0, 0.8 * size, 0]).rotate([0, 1, 0], rng.uniform(0, 90))
                     tint = rng.uniform(0.1, 0.7, 3).tolist()
-                    thing = {"type": "cube", "to_world": turned.scale(0.8 * size), "bsdf": _glaze(tint, 0.1)}
+                    thing = {"type": "cube", "to_world": turned.scale(0.8 * size), "bsdf": glaze(tint, 0.1)}
             scene[f"thing-{row}-{i}"] = thing
 
     def view(t: float) -> Camera:
         x = -0.22 + 0.44 * t
         return Camera.from_look_at([x, 0.05, 3.4], [x, -0.15, 0], [0, 1, 0], 32, width, height, fov_axis="y")
 
-    return _sequence(scene, frames, view)
+    return animate(scene, frames, view)
 
 
+@builder
 def carousel(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
     """A carousel with printed floor and painted roof that turns, while the camera zooms in on it.
 
     Every surface of it has another speed, its riders rise and sink, and cover each other and what stands behind. The
-    zoom stretches all textures: history has fewer texels than the image needs.
-
-    Parameters
-    ----------
-    frames, width, height : int
-        As for `scenes.cornell_box`.
-
-    Returns
-    -------
-    Sequence
-        The moving shapes are called `"deck"`, `"rim"`, `"roof"`, `"drum"`, and `"pole-0"` and `"rider-0"` to
-        `"pole-6"` and `"rider-6"`.
-
-    Raises
-    ------
-    ImportError
-        If Mitsuba is not installed.
+    zoom stretches all textures: history has fewer texels than the image needs. The moving shapes are called `"deck"`,
+    `"rim"`, `"roof"`, `"drum"`, and `"pole-0"` and `"rider-0"` to `"pole-6"` and `"rider-6"`.
     """
-    place = _mitsuba().ScalarTransform4f
+    place = mitsuba().ScalarTransform4f
     y, x = (np.mgrid[:128, :512] + 0.5) / [[[128]], [[512]]]
     scallops = (np.floor(14 * x) % 2 == 0)[..., None] ^ (y > 0.75 + 0.15 * np.abs(np.sin(14 * np.pi * x)))[..., None]
     canvas = np.where(scallops, [0.75, 0.12, 0.1], [0.88, 0.82, 0.68]).astype(np.float32)
-    roof = _lathe([[1.45, 0.12], [1.2, 0.35], [0.7, 0.5], [0.02, 0.75]], [0, 0.15, 0])
-    drum = _lathe([[0.28, -1], [0.28, -0.4], [0.28, 0.2], [0.28, 0.7]])
+    roof = lathe([[1.45, 0.12], [1.2, 0.35], [0.7, 0.5], [0.02, 0.75]], [0, 0.15, 0])
+    drum = lathe([[0.28, -1], [0.28, -0.4], [0.28, 0.2], [0.28, 0.7]])
     scene: dict[str, Any] = {
         "type": "scene",
         "integrator": {"type": "path", "max_depth": 5},
@@ -367,33 +313,33 @@ def carousel(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
         "ground": {
             "type": "rectangle",
             "to_world": place().translate([0, -1.12, 0]).rotate([1, 0, 0], -90).scale(9),
-            "bsdf": _tiles([0.34, 0.32, 0.3], [0.48, 0.46, 0.42], 36),
+            "bsdf": tiles([0.34, 0.32, 0.3], [0.48, 0.46, 0.42], 36),
         },
         "hoarding": {
             "type": "rectangle",
             "to_world": place().translate([0, 0.4, -3]).scale([6, 1.6, 1]),
-            "bsdf": _picture(_print(70, 18, seed=9)),
+            "bsdf": picture(printed(70, 18, seed=9)),
         },
         "deck": {
             "type": "disk",
             "to_world": place().translate([0, -1, 0]).rotate([1, 0, 0], -90).scale(1.4),
-            "bsdf": _picture(_rings(512, 70)),
+            "bsdf": picture(rings(512, 70)),
         },
         "rim": {
             "type": "cylinder",
             "p0": [0, -1.12, 0],
             "p1": [0, -1, 0],
             "radius": 1.4,
-            "bsdf": {"type": "twosided", "nested": _tiles([0.15, 0.2, 0.45], [0.8, 0.7, 0.35], 24)},
+            "bsdf": {"type": "twosided", "nested": tiles([0.15, 0.2, 0.45], [0.8, 0.7, 0.35], 24)},
         },
-        "roof": _sheet("roof", roof, _picture(canvas)),
-        "drum": _sheet("drum", drum, _picture(_weave(60, 40))),
+        "roof": sheet("roof", roof, picture(canvas)),
+        "drum": sheet("drum", drum, picture(weave(60, 40))),
     }
     riders = 7
     finishes = (
-        _tiles([0.8, 0.2, 0.15], [0.85, 0.8, 0.7], 4),
-        _glaze([0.08, 0.3, 0.4], 0.1),
-        _paint([0.7, 0.6, 0.2]),
+        tiles([0.8, 0.2, 0.15], [0.85, 0.8, 0.7], 4),
+        glaze([0.08, 0.3, 0.4], 0.1),
+        paint([0.7, 0.6, 0.2]),
         {"type": "roughconductor", "material": "Au", "alpha": 0.2},
     )
     for i in range(riders):
@@ -417,7 +363,7 @@ def carousel(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
         return Camera.from_look_at([0.3, 0.35, 6], [0, -0.3, 0], [0, 1, 0], 36 - 14 * t, width, height, fov_axis="y")
 
     def poses(t: float) -> dict[str, Matrix]:
-        turned = _turn([0, 1, 0], 70 * t, [0, 0, 0])
+        turned = rigid([0, 1, 0], 70 * t, [0, 0, 0])
         moved = dict.fromkeys(("deck", "rim", "roof", "drum", *(f"pole-{i}" for i in range(riders))), turned)
         for i in range(riders):
             rise = np.eye(4)
@@ -425,31 +371,17 @@ def carousel(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
             moved[f"rider-{i}"] = rise @ turned
         return moved
 
-    return _sequence(scene, frames, view, poses)
+    return animate(scene, frames, view, poses)
 
 
+@builder
 def neon_corridor(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
     """A long dark corridor lit by nothing but its coloured signs, in a fast pan from wall to wall.
 
     The signs are print that shines: emission has all the detail, and the polished floor mirrors it. After a quarter of
-    the frames, a quarter of the image is new.
-
-    Parameters
-    ----------
-    frames, width, height : int
-        As for `scenes.cornell_box`.
-
-    Returns
-    -------
-    Sequence
-        Only the camera moves.
-
-    Raises
-    ------
-    ImportError
-        If Mitsuba is not installed.
+    the frames, a quarter of the image is new. Only the camera moves.
     """
-    mi = _mitsuba()
+    mi = mitsuba()
     place = mi.ScalarTransform4f
     scene: dict[str, Any] = {
         "type": "scene",
@@ -462,29 +394,29 @@ def neon_corridor(frames: int = 24, width: int = 320, height: int = 240) -> Sequ
         "ceiling": {
             "type": "rectangle",
             "to_world": place().translate([0, 1.1, -8]).rotate([1, 0, 0], 90).scale([1.5, 13, 1]),
-            "bsdf": _paint([0.45, 0.45, 0.47]),
+            "bsdf": paint([0.45, 0.45, 0.47]),
         },
         "end": {
             "type": "rectangle",
             "to_world": place().translate([0, 0, -20]).scale([1.5, 1.1, 1]),
-            "bsdf": _picture(),
+            "bsdf": picture(),
         },
         "behind": {
             "type": "rectangle",
             "to_world": place().translate([0, 0, 5]).rotate([0, 1, 0], 180).scale([1.5, 1.1, 1]),
-            "bsdf": _paint([0.3, 0.3, 0.32]),
+            "bsdf": paint([0.3, 0.3, 0.32]),
         },
     }
     for name, x, turn in (("left wall", -1.5, 90), ("right wall", 1.5, -90)):
         scene[name] = {
             "type": "rectangle",
             "to_world": place().translate([x, 0, -8]).rotate([0, 1, 0], turn).scale([13, 1.1, 1]),
-            "bsdf": _tiles([0.35, 0.37, 0.4], [0.55, 0.52, 0.48], 26),
+            "bsdf": tiles([0.35, 0.37, 0.4], [0.55, 0.52, 0.48], 26),
         }
     tints = ([1, 0.15, 0.25], [0.15, 0.5, 1], [1, 0.75, 0.2], [0.2, 1, 0.45], [0.9, 0.25, 1])
     for i in range(14):
         right, z = i % 2, 2.2 - 1.3 * i
-        letters = (1 - _print(9, 4, seed=40 + i)) ** 2
+        letters = (1 - printed(9, 4, seed=40 + i)) ** 2
         light = (40 * letters * tints[i % len(tints)]).astype(np.float32)
         bitmap = {"type": "bitmap", "bitmap": mi.Bitmap(light), "raw": True}
         scene[f"sign-{i}"] = {
@@ -493,7 +425,7 @@ def neon_corridor(frames: int = 24, width: int = 320, height: int = 240) -> Sequ
             .translate([1.47 if right else -1.47, 0.25, z])
             .rotate([0, 1, 0], -90 if right else 90)
             .scale([0.55, 0.38, 1]),
-            "bsdf": _paint([0.05, 0.05, 0.05]),
+            "bsdf": paint([0.05, 0.05, 0.05]),
             "emitter": {"type": "area", "radiance": bitmap},
         }
         scene[f"bin-{i}"] = {
@@ -510,22 +442,22 @@ def neon_corridor(frames: int = 24, width: int = 320, height: int = 240) -> Sequ
         toward = eye + np.array([np.sin(angle), -0.08, -np.cos(angle)])
         return Camera.from_look_at(eye, toward, [0, 1, 0], 40, width, height, fov_axis="y")
 
-    return _sequence(scene, frames, view)
+    return animate(scene, frames, view)
 
 
 def _about(point: ArrayLike, axis: ArrayLike, degrees: float) -> Matrix:
     """Turned about an axis through a point."""
-    turned = _turn(axis, degrees, [0, 0, 0])
+    turned = rigid(axis, degrees, [0, 0, 0])
     turned[:3, 3] = np.asarray(point) - turned[:3, :3] @ np.asarray(point)
     return turned
 
 
 def _glaze_tiles(dark: list[float], bright: list[float], repeat: float | list[float], alpha: float) -> dict[str, Any]:
     """A checkerboard under a clear coat."""
-    tiles = _tiles(dark, bright, 1)["reflectance"]
+    checks = tiles(dark, bright, 1)["reflectance"]
     across, down = repeat if isinstance(repeat, list) else (repeat, repeat)
-    tiles["to_uv"] = _mitsuba().ScalarTransform4f().scale([across, down, 1])
-    return {"type": "roughplastic", "diffuse_reflectance": tiles, "alpha": alpha}
+    checks["to_uv"] = mitsuba().ScalarTransform4f().scale([across, down, 1])
+    return {"type": "roughplastic", "diffuse_reflectance": checks, "alpha": alpha}
 
 
 def _clouds(side: int, fall: float, rng: np.random.Generator) -> NDArray[np.float64]:

@@ -25,8 +25,8 @@ from yester.io import describe, read_exr, sequence_paths, write_exr
 from yester.io import mitsuba as renderer
 from yester.io.exr import without_colour
 
-from . import scenes, sequences
-from .unseen import Exposure
+from . import build, sequences
+from .build import Exposure
 
 __all__ = ["Recording", "open_recording", "record"]
 
@@ -174,8 +174,8 @@ def record(
     noisy = [{i: folder / part / f"frame_{i:04}.exr" for i in range(frames)} for part in parts]
     clean = {i: folder / f"reference-{reference_spp}" / f"frame_{i:04}.exr" for i in chosen}
     raw = {i: folder / f"albedo-{seed}" / f"frame_{i:04}.exr" for i in range(frames if raw_albedo else 0)}
-    _fill(noisy, f"{name}, frames", lambda part: _noisy(sequence, part, seed, spp=spp, halves=halves))
-    _fill([clean], f"{name}, references", lambda part: zip(_clean(sequence, part, reference_spp)))
+    _fill(noisy, f"{name}, frames", lambda part: render_noisy(sequence, part, seed, spp=spp, halves=halves))
+    _fill([clean], f"{name}, references", lambda part: zip(render_clean(sequence, part, reference_spp)))
     _fill([raw], f"{name}, albedo", lambda part: zip(_raw_albedo(sequence, part, seed)))
     again: dict[str, Any] = {"frames": frames, "width": width, "height": height, "reference_spp": reference_spp}
     again |= {"references": chosen, "spp": spp, "raw_albedo": raw_albedo, "halves": halves}
@@ -258,13 +258,12 @@ def _cache() -> Path:
     return Path(os.environ.get("YESTER_CACHE") or user_cache_path("yester", appauthor=False))
 
 
-def _digest(make: sequences.Make) -> str:
+def _digest(make: build.Make) -> str:
     """Hash of the source code that determines the bits of a sequence's frames."""
     import mitsuba as mi
 
     made = hashlib.sha256(f"{metadata.version('mitsuba')} {mi.variant()}".encode())
-    # All sequences share the builders in `scenes`.
-    for module in dict.fromkeys((scenes, renderer, sys.modules[make.__module__])):
+    for module in (build, renderer, sys.modules[make.__module__]):
         made.update(inspect.getsource(module).encode())
     return made.hexdigest()[:12]
 
@@ -288,12 +287,12 @@ def _fill(parts: Sequence[dict[int, Path]], what: str, render: Callable[[range],
                 progress.update()
 
 
-def _noisy(
-    sequence: scenes.Sequence, part: range, seed: int, *, spp: int = 1, halves: bool = False
+def render_noisy(
+    sequence: build.Sequence, part: range, seed: int, *, spp: int = 1, halves: bool = False
 ) -> Iterator[tuple[Frame, ...]]:
     """Frames of few samples per pixel, with all buffers; each alone, or a pair with independent noise."""
     if isinstance(sequence, Exposure):
-        scene = renderer._Stage(sequence.scene).scene
+        scene = renderer.Stage(sequence.scene).scene
         for i in part:
             # Motion needs the frame before as well, which is rendered with another seed and dropped.
             lead = min(i, 1)
@@ -325,7 +324,7 @@ def _noisy(
     yield from zip(islice(renderer.render_sequence(sequence.scene, sequence.cameras[span], **options), lead, None))
 
 
-def _clean(sequence: scenes.Sequence, part: range, spp: int) -> Iterator[Frame]:
+def render_clean(sequence: build.Sequence, part: range, spp: int) -> Iterator[Frame]:
     """Frames of many samples per pixel, with colour only."""
     if isinstance(sequence, Exposure):
         for i in part:
@@ -347,9 +346,9 @@ def _clean(sequence: scenes.Sequence, part: range, spp: int) -> Iterator[Frame]:
     )
 
 
-def _raw_albedo(sequence: scenes.Sequence, part: range, seed: int) -> Iterator[Frame]:
-    """The renderer's own albedo for the samples of `_noisy`."""
-    stage = renderer._Stage(sequence.scene)
+def _raw_albedo(sequence: build.Sequence, part: range, seed: int) -> Iterator[Frame]:
+    """The renderer's own albedo for the samples of `render_noisy`."""
+    stage = renderer.Stage(sequence.scene)
     poses = [stage.poses(named) for named in sequence.transforms]
     values = [stage.values(named) for named in sequence.parameters]
 

@@ -6,14 +6,34 @@ to the next. With 24 frames of 320×240, surfaces move by one to six pixels.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from yester import Camera
+
+from .build import (
+    FOV,
+    Matrix,
+    Sequence,
+    animate,
+    builder,
+    copies,
+    glaze,
+    lathe,
+    mitsuba,
+    paint,
+    picture,
+    printed,
+    rigid,
+    rings,
+    sheet,
+    similarity,
+    sky,
+    tiles,
+    tube,
+    weave,
+)
 
 __all__ = [
     "HELD_OUT",
@@ -37,60 +57,16 @@ TUNING = ("cornell_box", "switched_light", "glossy_plates", "thicket", "spinning
 HELD_OUT = ("mirror_room", "many_lights", "sunlit_teapot", "tapestry", "moving_light")
 SEQUENCES = TUNING + HELD_OUT
 
-Matrix = NDArray[np.float64]
 
-#: Vertical field of view in degrees: at 4:3, the box fills the image.
-_FOV = 33
-
-
-@dataclass(frozen=True)
-class Sequence:
-    """A scene in motion.
-
-    Attributes
-    ----------
-    scene : dict
-        For `mitsuba.load_dict`.
-    cameras : list of Camera
-        One for every frame.
-    transforms : list of dict
-        For every frame, the (4, 4) matrices, by shape, that take the moving shapes from where the scene puts them to
-        where they are: the same shapes in all frames.
-    parameters : list of dict
-        For every frame, the values of what else changes, by name as `mitsuba.traverse` has it.
-    """
-
-    scene: dict[str, Any]
-    cameras: list[Camera]
-    transforms: list[dict[str, Matrix]]
-    parameters: list[dict[str, Any]]
-
-
+@builder
 def cornell_box(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
     """Mitsuba's Cornell box, made harder: textures, a glossy ball, a cube that flies and turns, a camera that moves.
 
     The textures show blur; the ball's highlight moves unlike its surface, which motion vectors do not know; the cube
-    covers and uncovers, and its light and shadow change as it goes.
-
-    Parameters
-    ----------
-    frames : int
-        Number of frames, at least 1.
-    width, height : int
-        Of the images, in pixels.
-
-    Returns
-    -------
-    Sequence
-        The moving shape is called `"cube"`.
-
-    Raises
-    ------
-    ImportError
-        If Mitsuba is not installed.
+    covers and uncovers, and its light and shadow change as it goes. The moving shape is called `"cube"`.
     """
     scene = _room()
-    place = _mitsuba().ScalarTransform4f
+    place = mitsuba().ScalarTransform4f
     del scene["small-box"]
     scene["ball"] = {
         "type": "sphere",
@@ -104,34 +80,21 @@ def cornell_box(frames: int = 24, width: int = 320, height: int = 240) -> Sequen
     scene["cube"] = {
         "type": "cube",
         "to_world": place().scale(0.2),
-        "bsdf": _tiles([0.1, 0.3, 0.7], [0.85, 0.75, 0.3], 1.5),
+        "bsdf": tiles([0.1, 0.3, 0.7], [0.85, 0.75, 0.3], 1.5),
     }
-    return _sequence(scene, frames, lambda t: _view(t, width, height), lambda t: {"cube": _flight(t)})
+    return animate(scene, frames, lambda t: box_view(t, width, height), lambda t: {"cube": box_flight(t)})
 
 
+@builder
 def switched_light(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
     """A Cornell box whose lights are switched while the camera turns: what was known of light is wrong at once.
 
     At frame ``frames // 3`` the ceiling's light goes off, which leaves a dim blue ball on the small box, and at frame
-    ``2 * frames // 3`` a small red one comes on behind the large box. Nothing moves but the camera.
-
-    Parameters
-    ----------
-    frames, width, height : int
-        As for `cornell_box`.
-
-    Returns
-    -------
-    Sequence
-        The lights are called `"light"` and `"lamp"`.
-
-    Raises
-    ------
-    ImportError
-        If Mitsuba is not installed.
+    ``2 * frames // 3`` a small red one comes on behind the large box. Nothing moves but the camera. The lights are
+    called `"light"` and `"lamp"`.
     """
     scene = _room()
-    place = _mitsuba().ScalarTransform4f
+    place = mitsuba().ScalarTransform4f
     scene["lamp"] = {
         "type": "sphere",
         "to_world": place().translate([-0.7, 0.15, -0.5]).scale(0.09),
@@ -143,7 +106,7 @@ def switched_light(frames: int = 24, width: int = 320, height: int = 240) -> Seq
         "emitter": {"type": "area", "radiance": {"type": "rgb", "value": [3.5, 4.5, 7.0]}},
     }
     off, on = frames // 3, 2 * frames // 3
-    sequence = _sequence(scene, frames, lambda t: _view(0.1 + 0.8 * t, width, height))
+    sequence = animate(scene, frames, lambda t: box_view(0.1 + 0.8 * t, width, height))
     for values in sequence.parameters[off:]:
         values["light.emitter.radiance.value"] = [0.0, 0.0, 0.0]
     for values in sequence.parameters[on:]:
@@ -151,28 +114,14 @@ def switched_light(frames: int = 24, width: int = 320, height: int = 240) -> Seq
     return sequence
 
 
+@builder
 def glossy_plates(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
     """Plates from nearly smooth to rough under balls of light, seen in passing: reflections go their own way.
 
     After Veach's scene for multiple importance sampling: each plate mirrors all lights, the smoother the sharper. The
-    reflections move like what is behind the plate, not like its surface.
-
-    Parameters
-    ----------
-    frames, width, height : int
-        As for `cornell_box`.
-
-    Returns
-    -------
-    Sequence
-        Only the camera moves.
-
-    Raises
-    ------
-    ImportError
-        If Mitsuba is not installed.
+    reflections move like what is behind the plate, not like its surface. Only the camera moves.
     """
-    place = _mitsuba().ScalarTransform4f
+    place = mitsuba().ScalarTransform4f
     eye, lights = np.array([0.0, 1.6, 6.0]), np.array([0.0, 1.9, -1.4])
     scene: dict[str, Any] = {
         "type": "scene",
@@ -181,12 +130,12 @@ def glossy_plates(frames: int = 24, width: int = 320, height: int = 240) -> Sequ
         "floor": {
             "type": "rectangle",
             "to_world": place().translate([0, -1.2, 0]).rotate([1, 0, 0], -90).scale(8),
-            "bsdf": _tiles([0.25, 0.25, 0.28], [0.45, 0.43, 0.4], 10),
+            "bsdf": tiles([0.25, 0.25, 0.28], [0.45, 0.43, 0.4], 10),
         },
         "wall": {
             "type": "rectangle",
             "to_world": place().translate([0, 0, -3]).scale(8),
-            "bsdf": _tiles([0.3, 0.35, 0.4], [0.5, 0.45, 0.4], 10),
+            "bsdf": tiles([0.3, 0.35, 0.4], [0.5, 0.45, 0.4], 10),
         },
     }
     colors = ([1.0, 0.35, 0.25], [1.0, 0.9, 0.4], [0.4, 1.0, 0.5], [0.4, 0.55, 1.0])
@@ -218,31 +167,17 @@ def glossy_plates(frames: int = 24, width: int = 320, height: int = 240) -> Sequ
         origin = [eye[2] * np.sin(angle), eye[1], eye[2] * np.cos(angle)]
         return Camera.from_look_at(origin, [0, 0.3, 0], [0, 1, 0], 35, width, height, fov_axis="y")
 
-    return _sequence(scene, frames, view)
+    return animate(scene, frames, view)
 
 
+@builder
 def mirror_room(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
     """Textured shapes on a polished floor before a mirror, filmed in passing: everything is seen twice or more.
 
     The mirror is perfect, the floor nearly so. What they show moves like what is behind them; and a ball rolls through
-    the room, whose reflections move over surfaces that stand still.
-
-    Parameters
-    ----------
-    frames, width, height : int
-        As for `cornell_box`.
-
-    Returns
-    -------
-    Sequence
-        The moving shape is called `"ball"`.
-
-    Raises
-    ------
-    ImportError
-        If Mitsuba is not installed.
+    the room, whose reflections move over surfaces that stand still. The moving shape is called `"ball"`.
     """
-    place = _mitsuba().ScalarTransform4f
+    place = mitsuba().ScalarTransform4f
     scene = {
         "type": "scene",
         "integrator": {"type": "path", "max_depth": 6},
@@ -261,79 +196,65 @@ def mirror_room(frames: int = 24, width: int = 320, height: int = 240) -> Sequen
         "wall": {
             "type": "rectangle",
             "to_world": place().translate([0, 0, -1.6]).scale(4),
-            "bsdf": _tiles([0.45, 0.2, 0.15], [0.6, 0.5, 0.4], 12),
+            "bsdf": tiles([0.45, 0.2, 0.15], [0.6, 0.5, 0.4], 12),
         },
         "front": {
             "type": "rectangle",
             "to_world": place().translate([0, 0, 6]).rotate([0, 1, 0], 180).scale([4, 2.5, 1]),
-            "bsdf": _picture(),
+            "bsdf": picture(),
         },
         "ball": {
             "type": "sphere",
             "to_world": place().scale(0.45),
-            "bsdf": _tiles([0.8, 0.2, 0.15], [0.85, 0.8, 0.7], 5),
+            "bsdf": tiles([0.8, 0.2, 0.15], [0.85, 0.8, 0.7], 5),
         },
         "cube": {
             "type": "cube",
             "to_world": place().translate([0.7, -0.65, -0.2]).rotate([0, 1, 0], 25).scale(0.35),
-            "bsdf": _tiles([0.1, 0.3, 0.7], [0.85, 0.75, 0.3], 2),
+            "bsdf": tiles([0.1, 0.3, 0.7], [0.85, 0.75, 0.3], 2),
         },
         "column": {
             "type": "cube",
             "to_world": place().translate([0.05, -0.3, -0.7]).rotate([0, 1, 0], 40).scale([0.15, 0.7, 0.15]),
-            "bsdf": _tiles([0.15, 0.5, 0.3], [0.9, 0.9, 0.85], 3),
+            "bsdf": tiles([0.15, 0.5, 0.3], [0.9, 0.9, 0.85], 3),
         },
     }
 
     def view(t: float) -> Camera:
         x = -0.6 + 1.2 * t
-        return Camera.from_look_at([x, 0.35, 4.4], [0.4 * x, -0.15, 0], [0, 1, 0], _FOV, width, height, fov_axis="y")
+        return Camera.from_look_at([x, 0.35, 4.4], [0.4 * x, -0.15, 0], [0, 1, 0], FOV, width, height, fov_axis="y")
 
     def poses(t: float) -> dict[str, Matrix]:
         path = 0.9 * t
-        return {"ball": _turn([0, 0, 1], -np.degrees(path / 0.45), [path - 1.2, -0.55, 0.25])}
+        return {"ball": rigid([0, 0, 1], -np.degrees(path / 0.45), [path - 1.2, -0.55, 0.25])}
 
-    return _sequence(scene, frames, view, poses)
+    return animate(scene, frames, view, poses)
 
 
+@builder
 def thicket(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
     """Bushes of thin twigs and leaves under sun and sky, in passing: more edges than pixels, and gaps that open.
 
     The bushes are grown by an iterated function system: every twig carries smaller copies of itself. All twigs are one
-    shape and all leaves another, so that ids do not tell them apart.
-
-    Parameters
-    ----------
-    frames, width, height : int
-        As for `cornell_box`.
-
-    Returns
-    -------
-    Sequence
-        Only the camera moves.
-
-    Raises
-    ------
-    ImportError
-        If Mitsuba is not installed.
+    shape and all leaves another, so that ids do not tell them apart. Only the camera moves.
     """
-    place = _mitsuba().ScalarTransform4f
+    place = mitsuba().ScalarTransform4f
     rng = np.random.default_rng(4)
     # A twig goes from the origin to (0, 1, 0): at its end it forks in three, and from its middle a fourth grows.
     maps = np.array(
         [
-            *(_pose([0, 1, 0], 0.7, turn, 33) for turn in (0, 120, 240)),
-            _pose([0, 0.55, 0], 0.55, 75, 50),
+            *(similarity([0, 1, 0], 0.7, turn, 33) for turn in (0, 120, 240)),
+            similarity([0, 0.55, 0], 0.55, 75, 50),
         ]
     )
     spots = [(-1.9, -0.7), (-0.8, 0.2), (0.3, -0.9), (1.2, 0.1), (2.2, -0.8), (-1.2, -2.1), (0.9, -2.3)]
-    generation = np.array([_pose([x, 0, z], rng.uniform(0.5, 0.7), rng.uniform(0, 360), 5) for x, z in spots])
+    generation = np.array([similarity([x, 0, z], rng.uniform(0.5, 0.7), rng.uniform(0, 360), 5) for x, z in spots])
     twigs = [generation]
     for _ in range(4):
         generation = (generation[:, None] @ maps).reshape(-1, 4, 4)
         twigs.append(generation)
     stems = np.concatenate(twigs)
-    sprays = np.array([_pose([0, y, 0], 0.55, turn, 60) for y, turn in ((0.5, 30), (0.8, 160), (1, 280))])
+    sprays = np.array([similarity([0, y, 0], 0.55, turn, 60) for y, turn in ((0.5, 30), (0.8, 160), (1, 280))])
     leaves = (generation[:, None] @ sprays).reshape(-1, 4, 4)
     corners = np.radians([0, 120, 240])
     ring = np.stack([np.cos(corners), np.zeros(3), np.sin(corners)], -1)
@@ -354,41 +275,27 @@ def thicket(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
         "ground": {
             "type": "rectangle",
             "to_world": place().rotate([1, 0, 0], -90).scale(10),
-            "bsdf": _tiles([0.3, 0.24, 0.16], [0.42, 0.36, 0.25], 24),
+            "bsdf": tiles([0.3, 0.24, 0.16], [0.42, 0.36, 0.25], 24),
         },
-        "twigs": _copies("twigs", prism, sides, stems, np.broadcast_to([0.33, 0.22, 0.13], (len(stems), 3))),
-        "leaves": _copies("leaves", leaf, [[0, 1, 2], [0, 2, 3]], leaves, np.minimum(tints, 0.9)),
+        "twigs": copies("twigs", prism, sides, stems, np.broadcast_to([0.33, 0.22, 0.13], (len(stems), 3))),
+        "leaves": copies("leaves", leaf, [[0, 1, 2], [0, 2, 3]], leaves, np.minimum(tints, 0.9)),
     }
 
     def view(t: float) -> Camera:
         x = -0.5 + t
         return Camera.from_look_at([x, 1.1, 4.2], [0.6 * x, 0.75, 0], [0, 1, 0], 32, width, height, fov_axis="y")
 
-    return _sequence(scene, frames, view)
+    return animate(scene, frames, view)
 
 
+@builder
 def spinning_shapes(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
     """Textured shapes that fly and spin before a textured wall, filmed in passing: everything moves its own way.
 
     They cover and uncover the wall and each other, and show and hide their own sides; edges and textures in motion are
-    what antialiasing has to cope with.
-
-    Parameters
-    ----------
-    frames, width, height : int
-        As for `cornell_box`.
-
-    Returns
-    -------
-    Sequence
-        The moving shapes are called `"ball"`, `"cube"` and `"disk"`.
-
-    Raises
-    ------
-    ImportError
-        If Mitsuba is not installed.
+    what antialiasing has to cope with. The moving shapes are called `"ball"`, `"cube"` and `"disk"`.
     """
-    place = _mitsuba().ScalarTransform4f
+    place = mitsuba().ScalarTransform4f
     scene = {
         "type": "scene",
         "integrator": {"type": "path", "max_depth": 4},
@@ -398,57 +305,43 @@ def spinning_shapes(frames: int = 24, width: int = 320, height: int = 240) -> Se
             "to_world": place().look_at([1.5, 4, 3], [0, 0, 0], [0, 1, 0]),
             "emitter": {"type": "area", "radiance": {"type": "rgb", "value": [13.0, 12.0, 11.0]}},
         },
-        "wall": {"type": "rectangle", "to_world": place().translate([0, 0, -1.5]).scale([3, 3, 1]), "bsdf": _picture()},
+        "wall": {"type": "rectangle", "to_world": place().translate([0, 0, -1.5]).scale([3, 3, 1]), "bsdf": picture()},
         "floor": {
             "type": "rectangle",
             "to_world": place().translate([0, -1, 0]).rotate([1, 0, 0], -90).scale(5),
-            "bsdf": _tiles([0.3, 0.29, 0.31], [0.75, 0.72, 0.68], 10),
+            "bsdf": tiles([0.3, 0.29, 0.31], [0.75, 0.72, 0.68], 10),
         },
-        "ball": {"type": "sphere", "radius": 0.45, "bsdf": _tiles([0.8, 0.2, 0.15], [0.85, 0.8, 0.7], 5)},
-        "cube": {"type": "cube", "to_world": place().scale(0.3), "bsdf": _tiles([0.1, 0.3, 0.7], [0.85, 0.75, 0.3], 2)},
+        "ball": {"type": "sphere", "radius": 0.45, "bsdf": tiles([0.8, 0.2, 0.15], [0.85, 0.8, 0.7], 5)},
+        "cube": {"type": "cube", "to_world": place().scale(0.3), "bsdf": tiles([0.1, 0.3, 0.7], [0.85, 0.75, 0.3], 2)},
         "disk": {
             "type": "disk",
             "to_world": place().scale(0.5),
-            "bsdf": {"type": "twosided", "nested": _tiles([0.15, 0.5, 0.3], [0.9, 0.9, 0.85], 4)},
+            "bsdf": {"type": "twosided", "nested": tiles([0.15, 0.5, 0.3], [0.9, 0.9, 0.85], 4)},
         },
     }
 
     def view(t: float) -> Camera:
         x = -0.4 + 0.8 * t
-        return Camera.from_look_at([x, 0.3, 4.6], [0.9 * x, -0.05, 0], [0, 1, 0], _FOV, width, height, fov_axis="y")
+        return Camera.from_look_at([x, 0.3, 4.6], [0.9 * x, -0.05, 0], [0, 1, 0], FOV, width, height, fov_axis="y")
 
     def poses(t: float) -> dict[str, Matrix]:
         return {
-            "ball": _turn([0.2, 1, 0.1], 90 * t, [-0.9 + 0.25 * t, -0.45, 0.3]),
-            "cube": _turn([1, 0.6, 0.3], 70 * t, [1.1 - 0.9 * t, -0.35 + 0.7 * t, 0.1]),
-            "disk": _turn([0, 1, 0.4], -50 + 100 * t, [0.1 + 0.5 * t, 0.45 - 0.5 * t, -0.6]),
+            "ball": rigid([0.2, 1, 0.1], 90 * t, [-0.9 + 0.25 * t, -0.45, 0.3]),
+            "cube": rigid([1, 0.6, 0.3], 70 * t, [1.1 - 0.9 * t, -0.35 + 0.7 * t, 0.1]),
+            "disk": rigid([0, 1, 0.4], -50 + 100 * t, [0.1 + 0.5 * t, 0.45 - 0.5 * t, -0.6]),
         }
 
-    return _sequence(scene, frames, view, poses)
+    return animate(scene, frames, view, poses)
 
 
+@builder
 def many_lights(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
     """Strings of coloured lights above a crowd of shapes at night, in passing: every sample finds one light of 30.
 
-    What it finds is often faint, hidden or of the wrong colour, so that light is noisy in brightness and hue, and
-    every shape has dozens of soft shadows.
-
-    Parameters
-    ----------
-    frames, width, height : int
-        As for `cornell_box`.
-
-    Returns
-    -------
-    Sequence
-        Only the camera moves.
-
-    Raises
-    ------
-    ImportError
-        If Mitsuba is not installed.
+    What it finds is often faint, hidden or of the wrong colour, so that light is noisy in brightness and hue, and every
+    shape has dozens of soft shadows. Only the camera moves.
     """
-    place = _mitsuba().ScalarTransform4f
+    place = mitsuba().ScalarTransform4f
     rng = np.random.default_rng(11)
     scene: dict[str, Any] = {
         "type": "scene",
@@ -457,12 +350,12 @@ def many_lights(frames: int = 24, width: int = 320, height: int = 240) -> Sequen
         "floor": {
             "type": "rectangle",
             "to_world": place().translate([0, -1, 0]).rotate([1, 0, 0], -90).scale(4),
-            "bsdf": _tiles([0.25, 0.16, 0.1], [0.5, 0.36, 0.24], 14),
+            "bsdf": tiles([0.25, 0.16, 0.1], [0.5, 0.36, 0.24], 14),
         },
         "wall": {
             "type": "rectangle",
             "to_world": place().translate([0, 0, -1.8]).scale(4),
-            "bsdf": _tiles([0.35, 0.38, 0.45], [0.5, 0.5, 0.52], 16),
+            "bsdf": tiles([0.35, 0.38, 0.45], [0.5, 0.5, 0.52], 16),
         },
     }
     warm, amber = [1, 0.65, 0.35], [1, 0.4, 0.1]
@@ -478,12 +371,12 @@ def many_lights(frames: int = 24, width: int = 320, height: int = 240) -> Sequen
                 "emitter": {"type": "area", "radiance": {"type": "rgb", "value": [48.0 * c for c in tint]}},
             }
     materials = [
-        _tiles([0.8, 0.2, 0.15], [0.85, 0.8, 0.7], 4),
+        tiles([0.8, 0.2, 0.15], [0.85, 0.8, 0.7], 4),
         {"type": "roughconductor", "material": "Au", "alpha": 0.2},
-        _paint([0.15, 0.4, 0.6]),
-        _glaze([0.5, 0.1, 0.2], 0.1),
-        _tiles([0.1, 0.3, 0.7], [0.85, 0.75, 0.3], 2),
-        _paint([0.75, 0.72, 0.65]),
+        paint([0.15, 0.4, 0.6]),
+        glaze([0.5, 0.1, 0.2], 0.1),
+        tiles([0.1, 0.3, 0.7], [0.85, 0.75, 0.3], 2),
+        paint([0.75, 0.72, 0.65]),
         {"type": "roughconductor", "material": "Al", "alpha": 0.3},
     ]
     spots = [(x + rng.uniform(-0.1, 0.1), z) for z in (-1.2, -0.4, 0.5) for x in np.linspace(-1.6, 1.6, 6) + 0.25 * z]
@@ -499,60 +392,46 @@ def many_lights(frames: int = 24, width: int = 320, height: int = 240) -> Sequen
 
     def view(t: float) -> Camera:
         x = -0.55 + 1.1 * t
-        return Camera.from_look_at([x, 0.6, 3.6], [0.45 * x, -0.35, 0], [0, 1, 0], _FOV, width, height, fov_axis="y")
+        return Camera.from_look_at([x, 0.6, 3.6], [0.45 * x, -0.35, 0], [0, 1, 0], FOV, width, height, fov_axis="y")
 
-    return _sequence(scene, frames, view)
+    return animate(scene, frames, view)
 
 
+@builder
 def sunlit_teapot(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
     """A teapot and other vessels in the sun, from polished to matt, circled by the camera.
 
     Light comes from a picture of sky and ground with a small sun in it, a thousand times as bright: shadows are sharp,
     and each curved glossy surface has a highlight that moves its own way. Metal throws bright specks onto the table,
-    found by few samples.
-
-    Parameters
-    ----------
-    frames, width, height : int
-        As for `cornell_box`.
-
-    Returns
-    -------
-    Sequence
-        Only the camera moves.
-
-    Raises
-    ------
-    ImportError
-        If Mitsuba is not installed.
+    found by few samples. Only the camera moves.
     """
-    mi = _mitsuba()
+    mi = mitsuba()
     place = mi.ScalarTransform4f
-    pot = _glaze([0.62, 0.12, 0.07], 0.06)
-    body = _lathe([[0.32, 0], [0.8, 0.1], [0.62, 0.75], [0.3, 0.68]])
-    lid = _lathe([[0.32, 0.67], [0.3, 0.8], [0.05, 0.76], [0.04, 0.83]])
-    spout = _tube([[0.42, 0.2], [0.85, 0.15], [0.68, 0.55], [0.92, 0.68]], 0.13, 0.05)
-    handle = _tube([[-0.45, 0.55], [-1.1, 0.75], [-0.95, 0.05], [-0.5, 0.18]], 0.045, 0.045)
-    cup = _lathe([[0.1, 0.02], [0.3, 0], [0.2, 0.25], [0.3, 0.38]], [0.95, 0, 0.75])
-    bowl = _lathe([[0.12, 0], [0.5, 0.05], [0.25, 0.3], [0.36, 0.32]], [-0.75, 0, 0.85])
-    jug = _lathe([[0.22, 0], [0.6, 0.3], [0.02, 0.6], [0.24, 0.95]], [1.25, 0, -0.35])
+    pot = glaze([0.62, 0.12, 0.07], 0.06)
+    body = lathe([[0.32, 0], [0.8, 0.1], [0.62, 0.75], [0.3, 0.68]])
+    lid = lathe([[0.32, 0.67], [0.3, 0.8], [0.05, 0.76], [0.04, 0.83]])
+    spout = tube([[0.42, 0.2], [0.85, 0.15], [0.68, 0.55], [0.92, 0.68]], 0.13, 0.05)
+    handle = tube([[-0.45, 0.55], [-1.1, 0.75], [-0.95, 0.05], [-0.5, 0.18]], 0.045, 0.045)
+    cup = lathe([[0.1, 0.02], [0.3, 0], [0.2, 0.25], [0.3, 0.38]], [0.95, 0, 0.75])
+    bowl = lathe([[0.12, 0], [0.5, 0.05], [0.25, 0.3], [0.36, 0.32]], [-0.75, 0, 0.85])
+    jug = lathe([[0.22, 0], [0.6, 0.3], [0.02, 0.6], [0.24, 0.95]], [1.25, 0, -0.35])
     scene: dict[str, Any] = {
         "type": "scene",
         "integrator": {"type": "path", "max_depth": 5},
-        "sky": {"type": "envmap", "bitmap": mi.Bitmap(_sky([-0.55, 0.5, 0.45]))},
+        "sky": {"type": "envmap", "bitmap": mi.Bitmap(sky([-0.55, 0.5, 0.45]))},
         "table": {
             "type": "cube",
             "to_world": place().translate([0, -0.05, 0]).scale([2.2, 0.05, 1.5]),
-            "bsdf": _tiles([0.45, 0.4, 0.34], [0.68, 0.64, 0.56], 9),
+            "bsdf": tiles([0.45, 0.4, 0.34], [0.68, 0.64, 0.56], 9),
         },
-        "body": _sheet("body", body, pot),
-        "lid": _sheet("lid", lid, pot),
+        "body": sheet("body", body, pot),
+        "lid": sheet("lid", lid, pot),
         "knob": {"type": "sphere", "to_world": place().translate([0, 0.86, 0]).scale(0.065), "bsdf": pot},
-        "spout": _sheet("spout", spout, pot),
-        "handle": _sheet("handle", handle, pot),
-        "cup": _sheet("cup", cup, {"type": "roughconductor", "material": "Cu", "alpha": 0.18}),
-        "bowl": _sheet("bowl", bowl, _paint([0.5, 0.3, 0.2])),
-        "jug": _sheet("jug", jug, _glaze([0.1, 0.25, 0.45], 0.2)),
+        "spout": sheet("spout", spout, pot),
+        "handle": sheet("handle", handle, pot),
+        "cup": sheet("cup", cup, {"type": "roughconductor", "material": "Cu", "alpha": 0.18}),
+        "bowl": sheet("bowl", bowl, paint([0.5, 0.3, 0.2])),
+        "jug": sheet("jug", jug, glaze([0.1, 0.25, 0.45], 0.2)),
         "ball": {
             "type": "sphere",
             "to_world": place().translate([-1.3, 0.3, -0.2]).scale(0.3),
@@ -563,33 +442,19 @@ def sunlit_teapot(frames: int = 24, width: int = 320, height: int = 240) -> Sequ
     def view(t: float) -> Camera:
         angle = np.radians(-8 + 16 * t)
         origin = [4.3 * np.sin(angle), 1.45, 4.3 * np.cos(angle)]
-        return Camera.from_look_at(origin, [0, 0.3, 0], [0, 1, 0], _FOV, width, height, fov_axis="y")
+        return Camera.from_look_at(origin, [0, 0.3, 0], [0, 1, 0], FOV, width, height, fov_axis="y")
 
-    return _sequence(scene, frames, view)
+    return animate(scene, frames, view)
 
 
+@builder
 def tapestry(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
     """A tapestry in folds, a carpet, a book and a picture of fine rings, in passing: textures down to a pixel or two.
 
-    Everything is matt, and its light soft and still: nothing but textures can be lost.
-
-    Parameters
-    ----------
-    frames, width, height : int
-        As for `cornell_box`.
-
-    Returns
-    -------
-    Sequence
-        Only the camera moves.
-
-    Raises
-    ------
-    ImportError
-        If Mitsuba is not installed.
+    Everything is matt, and its light soft and still: nothing but textures can be lost. Only the camera moves.
     """
-    place = _mitsuba().ScalarTransform4f
-    wood = _paint([0.25, 0.14, 0.08])
+    place = mitsuba().ScalarTransform4f
+    wood = paint([0.25, 0.14, 0.08])
     down, along = np.mgrid[:2, :97] / [[[1]], [[96]]]
     folds = (0.09 - 0.05 * down) * np.sin(9 * np.pi * along + np.sin(5 * along))
     cloth = np.stack([-1.55 + 1.45 * along, -0.75 + 1.75 * down, -1.3 + folds], -1)
@@ -605,19 +470,19 @@ def tapestry(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
         "wall": {
             "type": "rectangle",
             "to_world": place().translate([0, 0, -1.5]).scale(4),
-            "bsdf": _paint([0.55, 0.58, 0.55]),
+            "bsdf": paint([0.55, 0.58, 0.55]),
         },
         "floor": {
             "type": "rectangle",
             "to_world": place().translate([0, -1, 0]).rotate([1, 0, 0], -90).scale(4),
-            "bsdf": _tiles([0.32, 0.2, 0.12], [0.38, 0.25, 0.15], 12),
+            "bsdf": tiles([0.32, 0.2, 0.12], [0.38, 0.25, 0.15], 12),
         },
         "carpet": {
             "type": "rectangle",
             "to_world": place().translate([0, -0.99, 0.15]).rotate([1, 0, 0], -90).scale([1.7, 0.85, 1]),
-            "bsdf": _picture(_weave(160, 80)),
+            "bsdf": picture(weave(160, 80)),
         },
-        "tapestry": _sheet("tapestry", cloth, _picture(_weave(76, 92)), closed=False),
+        "tapestry": sheet("tapestry", cloth, picture(weave(76, 92)), closed=False),
         "rod": {"type": "cylinder", "p0": [-1.65, 1, -1.3], "p1": [-0.05, 1, -1.3], "radius": 0.035, "bsdf": wood},
         "frame": {
             "type": "cube",
@@ -627,7 +492,7 @@ def tapestry(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
         "picture": {
             "type": "rectangle",
             "to_world": place().translate([0.85, 0.4, -1.41]).scale([0.56, 0.46, 1]),
-            "bsdf": _picture(_rings(512, 110)),
+            "bsdf": picture(rings(512, 110)),
         },
         "stand": {
             "type": "cube",
@@ -640,38 +505,25 @@ def tapestry(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
         scene[name] = {
             "type": "rectangle",
             "to_world": book.translate([0.262 * side, 0, 0]).rotate([0, 1, 0], -12 * side).scale([0.265, 0.36, 1]),
-            "bsdf": _picture(_print(22, 14, seed=2 + side)),
+            "bsdf": picture(printed(22, 14, seed=2 + side)),
         }
 
     def view(t: float) -> Camera:
         x = -0.55 + 1.1 * t
-        return Camera.from_look_at([x, 0.35, 4.3], [0.45 * x, -0.05, 0], [0, 1, 0], _FOV, width, height, fov_axis="y")
+        return Camera.from_look_at([x, 0.35, 4.3], [0.45 * x, -0.05, 0], [0, 1, 0], FOV, width, height, fov_axis="y")
 
-    return _sequence(scene, frames, view)
+    return animate(scene, frames, view)
 
 
+@builder
 def moving_light(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
     """A lamp that swings and turns before textured shapes and a fence: light and shadows sweep over what stands still.
 
-    The lamp itself is in view only for a while.
-
-    Parameters
-    ----------
-    frames, width, height : int
-        As for `cornell_box`.
-
-    Returns
-    -------
-    Sequence
-        The moving shapes are called `"lamp"`, `"shade"` and `"lid"`, and move as one.
-
-    Raises
-    ------
-    ImportError
-        If Mitsuba is not installed.
+    The lamp itself is in view only for a while. The moving shapes are called `"lamp"`, `"shade"` and `"lid"`, and move
+    as one.
     """
-    place = _mitsuba().ScalarTransform4f
-    green, wood = {"type": "twosided", "nested": _paint([0.1, 0.35, 0.25])}, _paint([0.6, 0.55, 0.45])
+    place = mitsuba().ScalarTransform4f
+    green, wood = {"type": "twosided", "nested": paint([0.1, 0.35, 0.25])}, paint([0.6, 0.55, 0.45])
     scene: dict[str, Any] = {
         "type": "scene",
         "integrator": {"type": "path", "max_depth": 5},
@@ -679,27 +531,27 @@ def moving_light(frames: int = 24, width: int = 320, height: int = 240) -> Seque
         "floor": {
             "type": "rectangle",
             "to_world": place().translate([0, -1, 0]).rotate([1, 0, 0], -90).scale(4),
-            "bsdf": _tiles([0.3, 0.29, 0.31], [0.75, 0.72, 0.68], 12),
+            "bsdf": tiles([0.3, 0.29, 0.31], [0.75, 0.72, 0.68], 12),
         },
         "wall": {
             "type": "rectangle",
             "to_world": place().translate([0, 0, -1.5]).scale(4),
-            "bsdf": _tiles([0.55, 0.4, 0.3], [0.65, 0.55, 0.45], 20),
+            "bsdf": tiles([0.55, 0.4, 0.3], [0.65, 0.55, 0.45], 20),
         },
         "picture": {
             "type": "rectangle",
             "to_world": place().translate([0.2, 0.25, -1.49]).scale([0.6, 0.45, 1]),
-            "bsdf": _picture(),
+            "bsdf": picture(),
         },
         "ball": {
             "type": "sphere",
             "to_world": place().translate([0.75, -0.65, 0.1]).scale(0.35),
-            "bsdf": _tiles([0.8, 0.2, 0.15], [0.85, 0.8, 0.7], 5),
+            "bsdf": tiles([0.8, 0.2, 0.15], [0.85, 0.8, 0.7], 5),
         },
         "cube": {
             "type": "cube",
             "to_world": place().translate([-0.85, -0.7, 0.1]).rotate([0, 1, 0], 30).scale(0.3),
-            "bsdf": _tiles([0.1, 0.3, 0.7], [0.85, 0.75, 0.3], 2),
+            "bsdf": tiles([0.1, 0.3, 0.7], [0.85, 0.75, 0.3], 2),
         },
         "rail": {
             "type": "cube",
@@ -730,214 +582,38 @@ def moving_light(frames: int = 24, width: int = 320, height: int = 240) -> Seque
 
     def view(t: float) -> Camera:
         x = 0.4 - 0.8 * t
-        return Camera.from_look_at([x, 0.3, 4.6], [0.5 * x, -0.1, 0], [0, 1, 0], _FOV, width, height, fov_axis="y")
+        return Camera.from_look_at([x, 0.3, 4.6], [0.5 * x, -0.1, 0], [0, 1, 0], FOV, width, height, fov_axis="y")
 
     def poses(t: float) -> dict[str, Matrix]:
-        swing = _turn([0, 0, 1], 30 * np.cos(np.pi * (0.05 + 0.9 * t)), [0, 2.5, 1.5])
-        pose = swing @ _turn([0, 1, 0], 40 * t - 20, [0, -1.6, 0]) @ _turn([1, 0, 0], 42, [0, 0, 0])
+        swing = rigid([0, 0, 1], 30 * np.cos(np.pi * (0.05 + 0.9 * t)), [0, 2.5, 1.5])
+        pose = swing @ rigid([0, 1, 0], 40 * t - 20, [0, -1.6, 0]) @ rigid([1, 0, 0], 42, [0, 0, 0])
         return dict.fromkeys(("lamp", "shade", "lid"), pose)
 
-    return _sequence(scene, frames, view, poses)
+    return animate(scene, frames, view, poses)
 
 
-def _mitsuba() -> Any:
-    try:
-        import mitsuba as mi
-    except ImportError as error:
-        raise ImportError("scenes need Mitsuba: pip install 'yester[mitsuba]'") from error
-    if mi.variant() is None:
-        mi.set_variant("scalar_rgb")
-    return mi
-
-
-def _sequence(
-    scene: dict[str, Any],
-    frames: int,
-    view: Callable[[float], Camera],
-    poses: Callable[[float], dict[str, Matrix]] = lambda t: {},
-) -> Sequence:
-    """From what happens at time t, 0 to 1."""
-    times = np.linspace(0, 1, frames)
-    return Sequence(scene, [view(t) for t in times], [poses(t) for t in times], [{} for _ in times])
-
-
-def _room() -> dict[str, Any]:
-    """Mitsuba's Cornell box with a tiled floor and a picture on its back wall."""
-    mi = _mitsuba()
-    scene: dict[str, Any] = mi.cornell_box()
-    del scene["sensor"]
-    scene["floor"]["bsdf"] = _tiles([0.75, 0.72, 0.68], [0.3, 0.29, 0.31], 4)
-    scene["poster"] = {
-        "type": "rectangle",
-        "to_world": mi.ScalarTransform4f().translate([0.2, 0.3, -0.99]).scale([0.6, 0.45, 1]),
-        "bsdf": _picture(),
-    }
-    return scene
-
-
-def _view(t: float, width: int, height: int) -> Camera:
+def box_view(t: float, width: int, height: int) -> Camera:
     """An arc of 22 degrees around the middle of the box, rising and closing in a little; t from 0 to 1."""
     angle = np.radians(-11 + 22 * t)
     distance = 3.4 - 0.15 * t
     origin = [distance * np.sin(angle), 0.1 + 0.1 * t, distance * np.cos(angle)]
-    return Camera.from_look_at(origin, [0, 0, 0], [0, 1, 0], _FOV, width, height, fov_axis="y")
+    return Camera.from_look_at(origin, [0, 0, 0], [0, 1, 0], FOV, width, height, fov_axis="y")
 
 
-def _flight(t: float) -> Matrix:
+def box_flight(t: float) -> Matrix:
     """Where the cube is: a leap through the box while turning by 60 degrees about a tilted axis."""
-    return _turn([0.3, 1, 0.2], 20 + 60 * t, [-0.5 + 0.7 * t, -0.4 + 0.2 * np.sin(np.pi * t), 0.35 - 0.1 * t])
+    return rigid([0.3, 1, 0.2], 20 + 60 * t, [-0.5 + 0.7 * t, -0.4 + 0.2 * np.sin(np.pi * t), 0.35 - 0.1 * t])
 
 
-def _turn(axis: ArrayLike, degrees: float, place: ArrayLike) -> Matrix:
-    """Turned about an axis through the origin, then moved to a place."""
-    x, y, z = np.asarray(axis) / np.linalg.norm(axis)
-    angle = np.radians(degrees)
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    pose = np.eye(4)
-    pose[:3, :3] += np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
-    pose[:3, 3] = place
-    return pose
-
-
-def _pose(place: ArrayLike, scale: float, turn: float, lean: float) -> Matrix:
-    """Leaning from the vertical and turned about it, in degrees; then scaled and moved to a place."""
-    return _turn([0, 1, 0], turn, place) @ _turn([0, 0, 1], lean, [0, 0, 0]) @ np.diag([scale, scale, scale, 1])
-
-
-def _mesh(name: str, points: Matrix, faces: ArrayLike, bsdf: dict[str, Any], uv: Matrix | None = None) -> Any:
-    """A mesh of points (N, 3) and faces (M, 3), of a material on both sides; smooth if it has texture coordinates."""
-    mi = _mitsuba()
-    properties = mi.Properties()
-    properties["mesh_bsdf"] = mi.load_dict({"type": "twosided", "nested": bsdf})
-    indices = np.asarray(faces, np.uint32)
-    smooth = {"has_vertex_normals": uv is not None, "has_vertex_texcoords": uv is not None}
-    mesh = mi.Mesh(name, len(points), len(indices), properties, **smooth)
-    parameters = mi.traverse(mesh)
-    parameters["vertex_positions"] = points.astype(np.float32).ravel()
-    parameters["faces"] = indices.ravel()
-    if uv is not None:
-        parameters["vertex_texcoords"] = uv.astype(np.float32).ravel()
-    parameters.update()
-    return mesh
-
-
-def _copies(name: str, vertices: Matrix, faces: ArrayLike, poses: Matrix, colors: Matrix) -> Any:
-    """Coloured copies (N, 3) of a small mesh, at every pose (N, 4, 4), diffuse."""
-    points = vertices @ poses[:, :3, :3].transpose(0, 2, 1) + poses[:, None, :3, 3]
-    indices = np.asarray(faces) + len(vertices) * np.arange(len(poses))[:, None, None]
-    tint = {"type": "mesh_attribute", "name": "face_color"}
-    mesh = _mesh(name, points.reshape(-1, 3), indices.reshape(-1, 3), {"type": "diffuse", "reflectance": tint})
-    mesh.add_attribute("face_color", 3, np.repeat(colors, indices.shape[1], 0).astype(np.float32).ravel())
-    return mesh
-
-
-def _sheet(name: str, points: Matrix, bsdf: dict[str, Any], *, closed: bool = True) -> Any:
-    """A smooth mesh of a grid of points (rows, columns, 3), whose last column may join the first."""
-    rows, columns = points.shape[:2]
-    grid = np.arange(rows * columns).reshape(rows, columns)
-    if closed:
-        grid = np.concatenate([grid, grid[:, :1]], 1)
-    a, b, c, d = grid[:-1, :-1], grid[:-1, 1:], grid[1:, 1:], grid[1:, :-1]
-    uv = np.mgrid[:rows, :columns].transpose(1, 2, 0)[..., ::-1] / [columns - 1, rows - 1]
-    return _mesh(name, points.reshape(-1, 3), np.stack([a, b, c, a, c, d], -1).reshape(-1, 3), bsdf, uv)
-
-
-def _lathe(controls: ArrayLike, place: ArrayLike = (0, 0, 0)) -> Matrix:
-    """A grid (rows, columns, 3) of what a curve of points (radius, height) turns out of the y axis, then moved."""
-    radius, height = _bezier(controls).T[..., None]
-    angle = np.linspace(0, 2 * np.pi, 64, endpoint=False)
-    grid = np.stack(np.broadcast_arrays(radius * np.sin(angle), height, radius * np.cos(angle)), -1)
-    return grid + np.asarray(place, np.float64)
-
-
-def _tube(controls: ArrayLike, start: float, end: float) -> Matrix:
-    """A grid (rows, columns, 3) around a curve in the plane of x and y, with its radii at start and end."""
-    path = np.pad(_bezier(controls), ((0, 0), (0, 1)))
-    tangent = np.gradient(path, axis=0)
-    across = np.cross([0, 0, 1], tangent / np.linalg.norm(tangent, axis=-1, keepdims=True))
-    angle = np.linspace(0, 2 * np.pi, 32, endpoint=False)[:, None]
-    radius = np.linspace(start, end, len(path))[:, None, None]
-    ring: Matrix = np.cos(angle) * across[:, None] + np.sin(angle) * [0, 0, 1]
-    return path[:, None] + radius * ring
-
-
-def _bezier(controls: ArrayLike) -> Matrix:
-    """Points (N, 2) on a cubic curve, by its four controls."""
-    t = np.linspace(0, 1, 40)[:, None]
-    weights = np.hstack([(1 - t) ** 3, 3 * t * (1 - t) ** 2, 3 * t**2 * (1 - t), t**3])
-    points: Matrix = weights @ np.asarray(controls, np.float64)
-    return points
-
-
-def _paint(color: list[float]) -> dict[str, Any]:
-    """Diffuse."""
-    return {"type": "diffuse", "reflectance": {"type": "rgb", "value": color}}
-
-
-def _glaze(color: list[float], alpha: float) -> dict[str, Any]:
-    """Diffuse under a clear coat, the rougher the greater alpha."""
-    return {"type": "roughplastic", "diffuse_reflectance": {"type": "rgb", "value": color}, "alpha": alpha}
-
-
-def _tiles(dark: list[float], bright: list[float], repeat: float) -> dict[str, Any]:
-    """A diffuse checkerboard."""
-    return {
-        "type": "diffuse",
-        "reflectance": {
-            "type": "checkerboard",
-            "color0": {"type": "rgb", "value": dark},
-            "color1": {"type": "rgb", "value": bright},
-            "to_uv": _mitsuba().ScalarTransform4f().scale([repeat, repeat, 1]),
-        },
+def _room() -> dict[str, Any]:
+    """Mitsuba's Cornell box with a tiled floor and a picture on its back wall."""
+    mi = mitsuba()
+    scene: dict[str, Any] = mi.cornell_box()
+    del scene["sensor"]
+    scene["floor"]["bsdf"] = tiles([0.75, 0.72, 0.68], [0.3, 0.29, 0.31], 4)
+    scene["poster"] = {
+        "type": "rectangle",
+        "to_world": mi.ScalarTransform4f().translate([0.2, 0.3, -0.99]).scale([0.6, 0.45, 1]),
+        "bsdf": picture(),
     }
-
-
-def _picture(pixels: NDArray[np.float32] | None = None) -> dict[str, Any]:
-    """Diffuse with a picture of reflectances (H, W, 3); by default, of rings."""
-    bitmap = _mitsuba().Bitmap(_rings() if pixels is None else pixels)
-    return {"type": "diffuse", "reflectance": {"type": "bitmap", "bitmap": bitmap, "raw": True}}
-
-
-def _rings(size: int = 256, rate: float = 40) -> NDArray[np.float32]:
-    """A picture of every spatial frequency: rings that grow finer towards the corners."""
-    y, x = (np.mgrid[:size, :size] + 0.5) / size * 2 - 1
-    rings = 0.5 + 0.5 * np.cos(rate * np.hypot(x, y) ** 1.5)
-    sectors = 0.5 + 0.5 * np.cos(3 * np.arctan2(y, x))
-    return np.stack([0.15 + 0.7 * rings, 0.2 + 0.5 * rings * sectors, 0.75 - 0.4 * rings], -1).astype(np.float32)
-
-
-def _weave(columns: int, rows: int) -> NDArray[np.float32]:
-    """A cloth of so many threads, four pixels each, over and under one another, with an ornament."""
-    y, x = (np.mgrid[: 4 * rows, : 4 * columns] + 0.5) / 4
-    over = (np.floor(x) + np.floor(y)) % 2 == 0
-    relief = 0.35 + 0.65 * np.sin(np.pi * (np.where(over, x, y) % 1))
-    u, v = (np.abs(np.floor(a) % 20 - 9.5) for a in (x, y))
-    ornament = np.select([u + v < 5, u + v < 9, np.abs(u - v) < 1.5, u + v > 16], [0, 1, 2, 3], 4)
-    colors = np.array([[0.85, 0.75, 0.5], [0.65, 0.1, 0.08], [0.8, 0.6, 0.2], [0.12, 0.35, 0.2], [0.1, 0.14, 0.35]])
-    thread = np.where(over[..., None], colors[ornament], 0.1 + 0.6 * colors[ornament])
-    return np.asarray(relief[..., None] * thread, np.float32)
-
-
-def _print(columns: int, lines: int, seed: int) -> NDArray[np.float32]:
-    """A page of text in a script of its own: letters of three by five dots, words and margins."""
-    rng = np.random.default_rng(seed)
-    ink = rng.random((lines, columns, 5, 3)) < 0.6
-    ink[rng.random((lines, columns)) < 0.18] = False
-    ink = np.pad(ink, ((0, 0), (0, 0), (1, 2), (0, 1))).transpose(0, 2, 1, 3).reshape(8 * lines, 4 * columns)
-    # Two by two, as what lies between pixels is blended.
-    dots = np.kron(np.pad(ink, 8), np.ones((2, 2)))[..., None]
-    return np.asarray(dots * [0.06, 0.05, 0.08] + (1 - dots) * [0.85, 0.82, 0.74], np.float32)
-
-
-def _sky(sun: ArrayLike, height: int = 256) -> NDArray[np.float32]:
-    """A picture of all directions, with y up and a sun of four degrees in the given one."""
-    polar, azimuth = (np.mgrid[:height, : 2 * height] + 0.5) / height * np.pi
-    up = np.cos(polar)[..., None]
-    toward = np.dstack([np.sin(polar) * np.sin(azimuth), up, -np.sin(polar) * np.cos(azimuth)])
-    near = (toward @ (np.asarray(sun) / np.linalg.norm(sun)))[..., None]
-    haze = 1 - np.abs(up) ** np.where(up > 0, 0.5, 0.25)
-    sky = [0.1, 0.22, 0.52] + haze * [0.5, 0.42, 0.16] + near.clip(0) ** 12 * [0.64, 0.54, 0.38]
-    ground = [0.13, 0.16, 0.08] + haze * [0.35, 0.35, 0.45]
-    picture = np.where(up > 0, sky, ground)
-    picture[near[..., 0] > np.cos(np.radians(2))] = [1200, 1030, 730]
-    return np.asarray(picture, np.float32)
+    return scene

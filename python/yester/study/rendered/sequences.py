@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TypeAlias
 
 from . import held_out, scenes, thin, unkind, unseen
+from .build import BUILDERS, Make
 
-__all__ = ["GROUPS", "LATE", "NAMES", "THIN", "Make", "expand", "find", "parser"]
-
-#: Makes a sequence from the number of frames, and the width and height of the images.
-Make: TypeAlias = Callable[[int, int, int], scenes.Sequence]
+__all__ = ["GROUPS", "LATE", "NAMES", "THIN", "expand", "find", "parser"]
 
 #: The names of each group. Parameters may be tuned on the ``tuning`` groups; the ``held-out`` ones are for validation.
 GROUPS: dict[str, tuple[str, ...]] = {
@@ -34,11 +31,9 @@ _KNOWN = NAMES + LATE + THIN
 
 def find(name: str) -> Make:
     """Find the constructor of a sequence; ValueError if the name is unknown."""
-    for module in (scenes, unkind, unseen, held_out, thin):
-        if name in _KNOWN and hasattr(module, name):
-            make: Make = getattr(module, name)
-            return make
-    raise ValueError(f"name: expected one of {', '.join(_KNOWN)}, got {name!r}")
+    if name not in BUILDERS:
+        raise ValueError(f"name: expected one of {', '.join(_KNOWN)}, got {name!r}")
+    return BUILDERS[name]
 
 
 def expand(asked: Iterable[str]) -> list[str]:

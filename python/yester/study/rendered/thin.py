@@ -14,7 +14,7 @@ import numpy as np
 
 from yester import Camera
 
-from .scenes import Matrix, Sequence, _copies, _mitsuba, _paint, _picture, _sequence, _sky, _tiles
+from .build import Matrix, Sequence, animate, builder, copies, mitsuba, paint, picture, sky, tiles
 
 __all__ = ["NAMES", "fence", "fur", "gravel", "hedge", "net"]
 
@@ -23,44 +23,20 @@ NAMES = ("fence", "net", "fur", "gravel", "hedge")
 _FOV = 36
 
 
+@builder
 def fence(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
     """A fence of crossed bars, half a pixel wide, before a painted wall.
 
-    Parameters
-    ----------
-    frames, width, height : int
-        As for `scenes.cornell_box`.
-
-    Returns
-    -------
-    Sequence
-        Only the camera moves.
-
-    Raises
-    ------
-    ImportError
-        If Mitsuba is not installed.
+    Only the camera moves.
     """
-    return _crossed(_paint([0.35, 0.36, 0.38]), frames, width, height)
+    return _crossed(paint([0.35, 0.36, 0.38]), frames, width, height)
 
 
+@builder
 def net(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
     """A net of black rubber, its cords half a pixel wide, before a painted wall.
 
-    Parameters
-    ----------
-    frames, width, height : int
-        As for `scenes.cornell_box`.
-
-    Returns
-    -------
-    Sequence
-        Only the camera moves. The albedo of the cords, a two-thousandth, is too dark to be divided by.
-
-    Raises
-    ------
-    ImportError
-        If Mitsuba is not installed.
+    Only the camera moves. The albedo of the cords, a two-thousandth, is too dark to be divided by.
     """
     rubber = {"type": "plastic", "diffuse_reflectance": {"type": "rgb", "value": [0.0005] * 3}}
     return _crossed(rubber, frames, width, height)
@@ -68,13 +44,13 @@ def net(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
 
 def _crossed(bsdf: dict[str, Any], frames: int, width: int, height: int) -> Sequence:
     """Crossed bars of a material before a painted wall."""
-    mi = _mitsuba()
+    mi = mitsuba()
     place = mi.ScalarTransform4f
     scene = {
         "type": "scene",
         "integrator": {"type": "path", "max_depth": 5},
-        "sky": {"type": "envmap", "bitmap": mi.Bitmap(_sky([0.5, 0.6, 0.5]))},
-        "wall": {"type": "rectangle", "to_world": place().translate([0, 0, -2]).scale([4, 3, 1]), "bsdf": _picture()},
+        "sky": {"type": "envmap", "bitmap": mi.Bitmap(sky([0.5, 0.6, 0.5]))},
+        "wall": {"type": "rectangle", "to_world": place().translate([0, 0, -2]).scale([4, 3, 1]), "bsdf": picture()},
         "ground": _ground(-1.2),
     }
     for i, x in enumerate(np.arange(-22, 23) * 0.09):
@@ -90,28 +66,16 @@ def _crossed(bsdf: dict[str, Any], frames: int, width: int, height: int) -> Sequ
     def view(t: float) -> Camera:
         return Camera.from_look_at([t - 0.5, 0.1, 2.4], [0.1, 0, -0.5], [0, 1, 0], 40, width, height, fov_axis="y")
 
-    return _sequence(scene, frames, view)
+    return animate(scene, frames, view)
 
 
+@builder
 def fur(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
     """A ball of long hairs, a third of a pixel wide, under a lamp. All hairs are one shape.
 
-    Parameters
-    ----------
-    frames, width, height : int
-        As for `scenes.cornell_box`.
-
-    Returns
-    -------
-    Sequence
-        Only the camera moves.
-
-    Raises
-    ------
-    ImportError
-        If Mitsuba is not installed.
+    Only the camera moves.
     """
-    mi = _mitsuba()
+    mi = mitsuba()
     place = mi.ScalarTransform4f
     rng = np.random.default_rng(5)
     count, radius = 6000, 0.55
@@ -134,40 +98,28 @@ def fur(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
             "emitter": {"type": "area", "radiance": {"type": "rgb", "value": [22, 20, 17]}},
         },
         "ground": _ground(-0.8),
-        "skin": {"type": "sphere", "radius": radius, "bsdf": _paint([0.3, 0.2, 0.12])},
-        "hairs": _copies("hairs", hair, strips, poses, np.minimum(tints, 0.9)),
+        "skin": {"type": "sphere", "radius": radius, "bsdf": paint([0.3, 0.2, 0.12])},
+        "hairs": copies("hairs", hair, strips, poses, np.minimum(tints, 0.9)),
     }
 
     def view(t: float) -> Camera:
         return Camera.from_look_at([1.4 * t - 0.7, 0.5, 3.2], [0.1, 0, 0], [0, 1, 0], _FOV, width, height, fov_axis="y")
 
-    return _sequence(scene, frames, view)
+    return animate(scene, frames, view)
 
 
+@builder
 def gravel(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
     """A heap of pebbles of three to ten pixels under sun and sky, each a shape of its own.
 
-    Parameters
-    ----------
-    frames, width, height : int
-        As for `scenes.cornell_box`.
-
-    Returns
-    -------
-    Sequence
-        Only the camera moves.
-
-    Raises
-    ------
-    ImportError
-        If Mitsuba is not installed.
+    Only the camera moves.
     """
-    mi = _mitsuba()
+    mi = mitsuba()
     rng = np.random.default_rng(3)
     scene = {
         "type": "scene",
         "integrator": {"type": "path", "max_depth": 4},
-        "sky": {"type": "envmap", "bitmap": mi.Bitmap(_sky([0.6, 0.55, 0.35]))},
+        "sky": {"type": "envmap", "bitmap": mi.Bitmap(sky([0.6, 0.55, 0.35]))},
         "ground": _ground(0),
     }
     for i in range(1600):
@@ -176,34 +128,22 @@ def gravel(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
             "type": "sphere",
             "center": [rng.uniform(-1.6, 1.6), rng.uniform(0, 0.09), rng.uniform(-2.5, 1)],
             "radius": rng.uniform(0.035, 0.075),
-            "bsdf": _paint([float(v) for v in stone]),
+            "bsdf": paint([float(v) for v in stone]),
         }
 
     def view(t: float) -> Camera:
         return Camera.from_look_at([0.8 * t - 0.4, 1.3, 2.6], [0, 0, -0.4], [0, 1, 0], 34, width, height, fov_axis="y")
 
-    return _sequence(scene, frames, view)
+    return animate(scene, frames, view)
 
 
+@builder
 def hedge(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
     """A hedge of broad leaves of four to ten pixels before the wall of a house. All leaves are one shape.
 
-    Parameters
-    ----------
-    frames, width, height : int
-        As for `scenes.cornell_box`.
-
-    Returns
-    -------
-    Sequence
-        Only the camera moves.
-
-    Raises
-    ------
-    ImportError
-        If Mitsuba is not installed.
+    Only the camera moves.
     """
-    mi = _mitsuba()
+    mi = mitsuba()
     place = mi.ScalarTransform4f
     rng = np.random.default_rng(11)
     count = 5200
@@ -212,12 +152,12 @@ def hedge(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
     poses[:, :3, 3] = rng.uniform([-2, -0.8, -0.35], [2, 0.55, 0.35], (count, 3))
     leaf = np.array([[0, -1, 0], [0.55, -0.2, 0.1], [0, 1, 0], [-0.55, -0.2, 0.1]])
     tints = rng.uniform(0.5, 1.4, (count, 1)) * [0.12, 0.32, 0.07] + rng.uniform(0, 0.05, (count, 3))
-    plaster = _tiles([0.75, 0.68, 0.6], [0.55, 0.45, 0.38], 14)
+    plaster = tiles([0.75, 0.68, 0.6], [0.55, 0.45, 0.38], 14)
     scene = {
         "type": "scene",
         "integrator": {"type": "path", "max_depth": 5},
-        "sky": {"type": "envmap", "bitmap": mi.Bitmap(_sky([0.6, 0.55, 0.35]))},
-        "leaves": _copies("leaves", leaf, [[0, 1, 2], [0, 2, 3]], poses, np.minimum(tints, 0.9)),
+        "sky": {"type": "envmap", "bitmap": mi.Bitmap(sky([0.6, 0.55, 0.35]))},
+        "leaves": copies("leaves", leaf, [[0, 1, 2], [0, 2, 3]], poses, np.minimum(tints, 0.9)),
         "wall": {"type": "rectangle", "to_world": place().translate([0, 0, -1.5]).scale([5, 3, 1]), "bsdf": plaster},
         "ground": _ground(-0.9),
     }
@@ -225,14 +165,14 @@ def hedge(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
     def view(t: float) -> Camera:
         return Camera.from_look_at([1.2 * t - 0.6, 0.3, 3], [0, 0, 0], [0, 1, 0], _FOV, width, height, fov_axis="y")
 
-    return _sequence(scene, frames, view)
+    return animate(scene, frames, view)
 
 
 def _ground(y: float) -> dict[str, Any]:
     """A tiled floor."""
-    place = _mitsuba().ScalarTransform4f
+    place = mitsuba().ScalarTransform4f
     pose = place().translate([0, y, 0]).rotate([1, 0, 0], -90).scale(8)
-    return {"type": "rectangle", "to_world": pose, "bsdf": _tiles([0.5, 0.46, 0.4], [0.3, 0.3, 0.29], 20)}
+    return {"type": "rectangle", "to_world": pose, "bsdf": tiles([0.5, 0.46, 0.4], [0.3, 0.3, 0.29], 20)}
 
 
 def _upright(rng: np.random.Generator, count: int) -> Matrix:

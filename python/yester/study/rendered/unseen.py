@@ -5,8 +5,6 @@ Nothing may be tuned on these. `unkind` has those for tuning.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,66 +12,40 @@ from numpy.typing import NDArray
 
 from yester import Camera
 
-from .scenes import (
+from .build import (
+    FOV,
+    Exposure,
     Matrix,
     Sequence,
-    _glaze,
-    _lathe,
-    _mitsuba,
-    _paint,
-    _picture,
-    _print,
-    _rings,
-    _sequence,
-    _sheet,
-    _tiles,
-    _turn,
-    _weave,
+    animate,
+    builder,
+    expose,
+    glaze,
+    lathe,
+    mitsuba,
+    paint,
+    picture,
+    printed,
+    rigid,
+    rings,
+    sheet,
+    tiles,
+    weave,
 )
 
-__all__ = ["NAMES", "Exposure", "brushed_metal", "caustics", "cut", "mist", "passer_by", "shallow_focus"]
+__all__ = ["NAMES", "brushed_metal", "caustics", "cut", "mist", "passer_by", "shallow_focus"]
 
 #: Held out: these only tell what the tuning is worth.
 NAMES = ("brushed_metal", "shallow_focus", "mist", "caustics", "passer_by", "cut")
 
-_FOV = 33
 
-
-@dataclass(frozen=True)
-class Exposure(Sequence):
-    """A sequence with motion blur: each frame is the mean over the instants at which the shutter is open.
-
-    Attributes
-    ----------
-    instants : list of list of (Camera, dict)
-        For every frame, its instants, evenly spaced: the camera and the transforms as in `Sequence`. `cameras` and
-        `transforms` are those of the first instant. Motion leads to the same instant of the frame before.
-    """
-
-    instants: list[list[tuple[Camera, dict[str, Matrix]]]]
-
-
+@builder
 def brushed_metal(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
     """Brushed and hammered metal, with textures of anisotropic roughness and normal maps, circled by the camera.
 
-    No buffer shows the roughness or the mapped normal: the shading has detail that no guide has.
-
-    Parameters
-    ----------
-    frames, width, height : int
-        As for `scenes.cornell_box`.
-
-    Returns
-    -------
-    Sequence
-        Only the camera moves.
-
-    Raises
-    ------
-    ImportError
-        If Mitsuba is not installed.
+    No buffer shows the roughness or the mapped normal: the shading has detail that no guide has. Only the camera moves.
     """
-    mi = _mitsuba()
+    mi = mitsuba()
     place = mi.ScalarTransform4f
 
     def texture(pixels: NDArray[np.float32], repeat: float = 1) -> dict[str, Any]:
@@ -106,7 +78,7 @@ def brushed_metal(frames: int = 24, width: int = 320, height: int = 240) -> Sequ
             "bsdf": nested,
         }
 
-    jar = _lathe([[0.3, 0], [0.65, 0.15], [0.5, 0.7], [0.28, 1.1]], [-0.75, -1, -0.1])
+    jar = lathe([[0.3, 0], [0.65, 0.15], [0.5, 0.7], [0.28, 1.1]], [-0.75, -1, -0.1])
     scene = {
         "type": "scene",
         "integrator": {"type": "path", "max_depth": 5},
@@ -124,23 +96,23 @@ def brushed_metal(frames: int = 24, width: int = 320, height: int = 240) -> Sequ
         "table": {
             "type": "rectangle",
             "to_world": place().translate([0, -1, 0]).rotate([1, 0, 0], -90).scale(4),
-            "bsdf": _tiles([0.25, 0.2, 0.16], [0.5, 0.44, 0.36], 12),
+            "bsdf": tiles([0.25, 0.2, 0.16], [0.5, 0.44, 0.36], 12),
         },
         "wall": {
             "type": "rectangle",
             "to_world": place().translate([0, 0, -1.8]).scale(4),
-            "bsdf": hammered(_glaze([0.3, 0.4, 0.45], 0.15), 4, 0.25),
+            "bsdf": hammered(glaze([0.3, 0.4, 0.45], 0.15), 4, 0.25),
         },
         "sheet": {
             "type": "cube",
             "to_world": place().translate([0.55, -0.35, -1]).rotate([1, 0, 0], -12).scale([0.75, 0.6, 0.03]),
             "bsdf": brushed,
         },
-        "jar": _sheet("jar", jar, hammered(gold, 3, 0.35)),
+        "jar": sheet("jar", jar, hammered(gold, 3, 0.35)),
         "ball": {
             "type": "sphere",
             "to_world": place().translate([0.25, -0.68, 0.35]).scale(0.32),
-            "bsdf": hammered(_glaze([0.5, 0.06, 0.05], 0.06), 2, 0.5),
+            "bsdf": hammered(glaze([0.5, 0.06, 0.05], 0.06), 2, 0.5),
         },
         "disk": {
             "type": "cube",
@@ -154,31 +126,18 @@ def brushed_metal(frames: int = 24, width: int = 320, height: int = 240) -> Sequ
         origin = [4.2 * np.sin(angle), 0.3, 4.2 * np.cos(angle)]
         return Camera.from_look_at(origin, [0, -0.4, 0], [0, 1, 0], 30, width, height, fov_axis="y")
 
-    return _sequence(scene, frames, view)
+    return animate(scene, frames, view)
 
 
+@builder
 def shallow_focus(frames: int = 24, width: int = 320, height: int = 240) -> Exposure:
     """Textured things before and behind the focus of a thin lens, with motion blur: guides are as noisy as light.
 
     Every sample has its own point on the lens and its own instant while the shutter is open, for half of each frame.
-    Depth, normals, albedo and ids of neighbours out of focus or in motion are those of different surfaces.
-
-    Parameters
-    ----------
-    frames, width, height : int
-        As for `scenes.cornell_box`.
-
-    Returns
-    -------
-    Exposure
-        The moving shape is called `"cube"`.
-
-    Raises
-    ------
-    ImportError
-        If Mitsuba is not installed.
+    Depth, normals, albedo and ids of neighbours out of focus or in motion are those of different surfaces. The moving
+    shape is called `"cube"`.
     """
-    place = _mitsuba().ScalarTransform4f
+    place = mitsuba().ScalarTransform4f
     scene: dict[str, Any] = {
         "type": "scene",
         "integrator": {"type": "path", "max_depth": 5},
@@ -192,56 +151,42 @@ def shallow_focus(frames: int = 24, width: int = 320, height: int = 240) -> Expo
         "floor": {
             "type": "rectangle",
             "to_world": place().translate([0, -1, 0]).rotate([1, 0, 0], -90).scale(8),
-            "bsdf": _tiles([0.3, 0.29, 0.31], [0.75, 0.72, 0.68], 24),
+            "bsdf": tiles([0.3, 0.29, 0.31], [0.75, 0.72, 0.68], 24),
         },
-        "wall": {"type": "rectangle", "to_world": place().translate([0, 1, -4]).scale([4, 3, 1]), "bsdf": _picture()},
+        "wall": {"type": "rectangle", "to_world": place().translate([0, 1, -4]).scale([4, 3, 1]), "bsdf": picture()},
         "cube": {
             "type": "cube",
             "to_world": place().scale(0.22),
-            "bsdf": _tiles([0.1, 0.3, 0.7], [0.85, 0.75, 0.3], 2),
+            "bsdf": tiles([0.1, 0.3, 0.7], [0.85, 0.75, 0.3], 2),
         },
         "near post": {"type": "cylinder", "p0": [0.35, -1, 2.6], "p1": [0.35, 1, 2.6], "radius": 0.05},
     }
-    scene["near post"]["bsdf"] = _tiles([0.7, 0.15, 0.1], [0.85, 0.82, 0.75], 8)
+    scene["near post"]["bsdf"] = tiles([0.7, 0.15, 0.1], [0.85, 0.82, 0.75], 8)
     for i, (x, z) in enumerate([(-0.9, 0.2), (0.9, -0.1), (-0.3, -1.6), (1.3, -2.2), (-1.6, -2.6), (-0.75, 2.0)]):
         scene[f"ball-{i}"] = {
             "type": "sphere",
             "to_world": place().translate([x, -0.7, z]).scale(0.3),
-            "bsdf": (_tiles([0.8, 0.2, 0.15], [0.85, 0.8, 0.7], 5), _glaze([0.1, 0.35, 0.25], 0.12))[i % 2],
+            "bsdf": (tiles([0.8, 0.2, 0.15], [0.85, 0.8, 0.7], 5), glaze([0.1, 0.35, 0.25], 0.12))[i % 2],
         }
 
     def view(t: float) -> Camera:
         x = -0.45 + 0.9 * t
-        return Camera.from_look_at([x, 0, 4.2], [0.4 * x, -0.35, 0], [0, 1, 0], _FOV, width, height, fov_axis="y")
+        return Camera.from_look_at([x, 0, 4.2], [0.4 * x, -0.35, 0], [0, 1, 0], FOV, width, height, fov_axis="y")
 
     def poses(t: float) -> dict[str, Matrix]:
-        return {"cube": _turn([0.2, 1, 0.3], 120 * t, [-1.1 + 2.2 * t, -0.1 + 0.3 * np.sin(np.pi * t), 0.1])}
+        return {"cube": rigid([0.2, 1, 0.3], 120 * t, [-1.1 + 2.2 * t, -0.1 + 0.3 * np.sin(np.pi * t), 0.1])}
 
-    return _exposed(scene, frames, view, poses)
+    return expose(scene, frames, view, poses)
 
 
+@builder
 def mist(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
     """Textured shapes in and behind a bank of mist: no buffer shows the medium.
 
     Guides show the sides of the box that the mist fills, which are invisible. The integrator is volumetric, so that
-    there is no emission.
-
-    Parameters
-    ----------
-    frames, width, height : int
-        As for `scenes.cornell_box`.
-
-    Returns
-    -------
-    Sequence
-        The moving shape is called `"ball"`.
-
-    Raises
-    ------
-    ImportError
-        If Mitsuba is not installed.
+    there is no emission. The moving shape is called `"ball"`.
     """
-    place = _mitsuba().ScalarTransform4f
+    place = mitsuba().ScalarTransform4f
     scene: dict[str, Any] = {
         "type": "scene",
         "integrator": {"type": "volpath", "max_depth": 12},
@@ -254,12 +199,12 @@ def mist(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
         "floor": {
             "type": "rectangle",
             "to_world": place().translate([0, -1, 0]).rotate([1, 0, 0], -90).scale(4),
-            "bsdf": _tiles([0.3, 0.29, 0.31], [0.75, 0.72, 0.68], 12),
+            "bsdf": tiles([0.3, 0.29, 0.31], [0.75, 0.72, 0.68], 12),
         },
         "wall": {
             "type": "rectangle",
             "to_world": place().translate([0, 0, -1.8]).scale(4),
-            "bsdf": _tiles([0.4, 0.2, 0.15], [0.65, 0.5, 0.4], 20),
+            "bsdf": tiles([0.4, 0.2, 0.15], [0.65, 0.5, 0.4], 20),
         },
         "bank": {
             "type": "cube",
@@ -275,48 +220,35 @@ def mist(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
         "column": {
             "type": "cube",
             "to_world": place().translate([0.75, -0.2, -0.7]).rotate([0, 1, 0], 40).scale([0.15, 0.75, 0.15]),
-            "bsdf": _tiles([0.15, 0.5, 0.3], [0.9, 0.9, 0.85], 3),
+            "bsdf": tiles([0.15, 0.5, 0.3], [0.9, 0.9, 0.85], 3),
         },
         "cube": {
             "type": "cube",
             "to_world": place().translate([-0.6, -0.7, -0.3]).rotate([0, 1, 0], 25).scale(0.28),
-            "bsdf": _tiles([0.1, 0.3, 0.7], [0.85, 0.75, 0.3], 2),
+            "bsdf": tiles([0.1, 0.3, 0.7], [0.85, 0.75, 0.3], 2),
         },
-        "ball": {"type": "sphere", "radius": 0.3, "bsdf": _tiles([0.8, 0.2, 0.15], [0.85, 0.8, 0.7], 5)},
+        "ball": {"type": "sphere", "radius": 0.3, "bsdf": tiles([0.8, 0.2, 0.15], [0.85, 0.8, 0.7], 5)},
     }
 
     def view(t: float) -> Camera:
         x = -0.55 + 1.1 * t
-        return Camera.from_look_at([x, 0.45, 4.2], [0.45 * x, -0.4, 0], [0, 1, 0], _FOV, width, height, fov_axis="y")
+        return Camera.from_look_at([x, 0.45, 4.2], [0.45 * x, -0.4, 0], [0, 1, 0], FOV, width, height, fov_axis="y")
 
     def poses(t: float) -> dict[str, Matrix]:
-        return {"ball": _turn([0, 1, 0.2], 60 * t, [0.1, 0.4 - 0.8 * t, -0.4])}
+        return {"ball": rigid([0, 1, 0.2], 60 * t, [0.1, 0.4 - 0.8 * t, -0.4])}
 
-    return _sequence(scene, frames, view, poses)
+    return animate(scene, frames, view, poses)
 
 
+@builder
 def caustics(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
     """Glass balls and a ring of gold that gather a lamp's light on a table, filmed in passing.
 
     Caustics are found by chance alone: by the few paths from the table that meet glass or gold and then the lamp, each
-    of them many times brighter than the mean. What looks like fireflies is all the light there is.
-
-    Parameters
-    ----------
-    frames, width, height : int
-        As for `scenes.cornell_box`.
-
-    Returns
-    -------
-    Sequence
-        Only the camera moves.
-
-    Raises
-    ------
-    ImportError
-        If Mitsuba is not installed.
+    of them many times brighter than the mean. What looks like fireflies is all the light there is. Only the camera
+    moves.
     """
-    place = _mitsuba().ScalarTransform4f
+    place = mitsuba().ScalarTransform4f
     glass = {"type": "dielectric", "int_ior": "bk7"}
     angle = np.linspace(0, 2 * np.pi, 96, endpoint=False)
     x, z = 0.75 + 0.5 * np.cos(angle), 0.1 + 0.5 * np.sin(angle)
@@ -333,20 +265,20 @@ def caustics(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
         "table": {
             "type": "rectangle",
             "to_world": place().translate([0, -1, 0]).rotate([1, 0, 0], -90).scale(4),
-            "bsdf": _tiles([0.42, 0.38, 0.33], [0.62, 0.58, 0.52], 10),
+            "bsdf": tiles([0.42, 0.38, 0.33], [0.62, 0.58, 0.52], 10),
         },
         "wall": {
             "type": "rectangle",
             "to_world": place().translate([0, 0, -2.2]).scale(5),
-            "bsdf": _paint([0.35, 0.4, 0.45]),
+            "bsdf": paint([0.35, 0.4, 0.45]),
         },
         "glass ball": {"type": "sphere", "to_world": place().translate([-0.7, -0.6, -0.3]).scale(0.4), "bsdf": glass},
         "small ball": {"type": "sphere", "to_world": place().translate([-0.1, -0.8, 0.7]).scale(0.2), "bsdf": glass},
-        "ring": _sheet("ring", ring, {"type": "roughconductor", "material": "Au", "alpha": 0.05}),
+        "ring": sheet("ring", ring, {"type": "roughconductor", "material": "Au", "alpha": 0.05}),
         "cube": {
             "type": "cube",
             "to_world": place().translate([0.5, -0.7, -1.2]).rotate([0, 1, 0], 30).scale(0.3),
-            "bsdf": _tiles([0.1, 0.3, 0.7], [0.85, 0.75, 0.3], 2),
+            "bsdf": tiles([0.1, 0.3, 0.7], [0.85, 0.75, 0.3], 2),
         },
     }
 
@@ -354,29 +286,17 @@ def caustics(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
         x = -0.5 + t
         return Camera.from_look_at([x, 0.9, 4.1], [0.5 * x, -0.7, 0], [0, 1, 0], 30, width, height, fov_axis="y")
 
-    return _sequence(scene, frames, view)
+    return animate(scene, frames, view)
 
 
+@builder
 def passer_by(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
     """A large ball passes close before the camera: half of the image is covered and uncovered, by 25 pixels a frame.
 
-    Parameters
-    ----------
-    frames, width, height : int
-        As for `scenes.cornell_box`.
-
-    Returns
-    -------
-    Sequence
-        The moving shape is called `"ball"`.
-
-    Raises
-    ------
-    ImportError
-        If Mitsuba is not installed.
+    The moving shape is called `"ball"`.
     """
-    place = _mitsuba().ScalarTransform4f
-    vase = _lathe([[0.2, 0], [0.6, 0.3], [0.05, 0.7], [0.25, 1.1]], [0.7, -1, -0.6])
+    place = mitsuba().ScalarTransform4f
+    vase = lathe([[0.2, 0], [0.6, 0.3], [0.05, 0.7], [0.25, 1.1]], [0.7, -1, -0.6])
     scene = {
         "type": "scene",
         "integrator": {"type": "path", "max_depth": 5},
@@ -389,53 +309,40 @@ def passer_by(frames: int = 24, width: int = 320, height: int = 240) -> Sequence
         "floor": {
             "type": "rectangle",
             "to_world": place().translate([0, -1, 0]).rotate([1, 0, 0], -90).scale(5),
-            "bsdf": _tiles([0.3, 0.29, 0.31], [0.75, 0.72, 0.68], 14),
+            "bsdf": tiles([0.3, 0.29, 0.31], [0.75, 0.72, 0.68], 14),
         },
         "wall": {
             "type": "rectangle",
             "to_world": place().translate([0, 0, -1.8]).scale(4),
-            "bsdf": _picture(_weave(120, 120)),
+            "bsdf": picture(weave(120, 120)),
         },
-        "vase": _sheet("vase", vase, _glaze([0.1, 0.25, 0.45], 0.1)),
+        "vase": sheet("vase", vase, glaze([0.1, 0.25, 0.45], 0.1)),
         "cube": {
             "type": "cube",
             "to_world": place().translate([-0.6, -0.65, -0.5]).rotate([0, 1, 0], 25).scale(0.35),
-            "bsdf": _tiles([0.1, 0.3, 0.7], [0.85, 0.75, 0.3], 2),
+            "bsdf": tiles([0.1, 0.3, 0.7], [0.85, 0.75, 0.3], 2),
         },
-        "ball": {"type": "sphere", "radius": 0.42, "bsdf": _picture(_rings(512, 60))},
+        "ball": {"type": "sphere", "radius": 0.42, "bsdf": picture(rings(512, 60))},
     }
 
     def view(t: float) -> Camera:
         x = -0.15 + 0.3 * t
-        return Camera.from_look_at([x, 0.2, 4.4], [0.5 * x, -0.2, 0], [0, 1, 0], _FOV, width, height, fov_axis="y")
+        return Camera.from_look_at([x, 0.2, 4.4], [0.5 * x, -0.2, 0], [0, 1, 0], FOV, width, height, fov_axis="y")
 
     def poses(t: float) -> dict[str, Matrix]:
-        return {"ball": _turn([0.3, 1, 0.1], 80 * t, [-1.5 + 3 * t, 0.1 * np.sin(np.pi * t), 2.6])}
+        return {"ball": rigid([0.3, 1, 0.1], 80 * t, [-1.5 + 3 * t, 0.1 * np.sin(np.pi * t), 2.6])}
 
-    return _sequence(scene, frames, view, poses)
+    return animate(scene, frames, view, poses)
 
 
+@builder
 def cut(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
     """A room filmed in two shots: at frame ``frames // 2`` the camera jumps to the other side.
 
     Motion at the cut is exact and many hundred pixels long; a little of what the first shot has seen is in the second.
-
-    Parameters
-    ----------
-    frames, width, height : int
-        As for `scenes.cornell_box`.
-
-    Returns
-    -------
-    Sequence
-        Only the camera moves.
-
-    Raises
-    ------
-    ImportError
-        If Mitsuba is not installed.
+    Only the camera moves.
     """
-    place = _mitsuba().ScalarTransform4f
+    place = mitsuba().ScalarTransform4f
     scene = {
         "type": "scene",
         "integrator": {"type": "path", "max_depth": 5},
@@ -448,32 +355,32 @@ def cut(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
         "floor": {
             "type": "rectangle",
             "to_world": place().translate([0, -1, 0]).rotate([1, 0, 0], -90).scale(5),
-            "bsdf": _tiles([0.32, 0.2, 0.12], [0.5, 0.36, 0.24], 16),
+            "bsdf": tiles([0.32, 0.2, 0.12], [0.5, 0.36, 0.24], 16),
         },
         "back wall": {
             "type": "rectangle",
             "to_world": place().translate([0, 0, -2]).scale(5),
-            "bsdf": _tiles([0.55, 0.4, 0.3], [0.65, 0.55, 0.45], 20),
+            "bsdf": tiles([0.55, 0.4, 0.3], [0.65, 0.55, 0.45], 20),
         },
         "side wall": {
             "type": "rectangle",
             "to_world": place().translate([-3, 0, 0]).rotate([0, 1, 0], 90).scale(5),
-            "bsdf": _picture(_print(60, 40, seed=5)),
+            "bsdf": picture(printed(60, 40, seed=5)),
         },
         "painting": {
             "type": "rectangle",
             "to_world": place().translate([0.7, 0.2, -1.98]).scale([0.7, 0.55, 1]),
-            "bsdf": _picture(),
+            "bsdf": picture(),
         },
         "ball": {
             "type": "sphere",
             "to_world": place().translate([0.2, -0.6, 0]).scale(0.4),
-            "bsdf": _glaze([0.6, 0.15, 0.1], 0.1),
+            "bsdf": glaze([0.6, 0.15, 0.1], 0.1),
         },
         "cube": {
             "type": "cube",
             "to_world": place().translate([-0.9, -0.65, -0.4]).rotate([0, 1, 0], 25).scale(0.35),
-            "bsdf": _tiles([0.1, 0.3, 0.7], [0.85, 0.75, 0.3], 2),
+            "bsdf": tiles([0.1, 0.3, 0.7], [0.85, 0.75, 0.3], 2),
         },
         "metal ball": {
             "type": "sphere",
@@ -486,21 +393,7 @@ def cut(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
         t = frame / max(frames - 1, 1)
         first, second = [-0.4 + 0.8 * t, 0.3, 4.3], [4.2, 0.6, 0.9 - 0.8 * t]
         origin = second if frame >= frames // 2 and frames > 1 else first
-        return Camera.from_look_at(origin, [0, -0.35, 0], [0, 1, 0], _FOV, width, height, fov_axis="y")
+        return Camera.from_look_at(origin, [0, -0.35, 0], [0, 1, 0], FOV, width, height, fov_axis="y")
 
     still: list[dict[str, Any]] = [{} for _ in range(frames)]
     return Sequence(scene, [view(i) for i in range(frames)], still, still)
-
-
-def _exposed(
-    scene: dict[str, Any],
-    frames: int,
-    view: Callable[[float], Camera],
-    poses: Callable[[float], dict[str, Matrix]],
-) -> Exposure:
-    """From what happens at time t, 0 to 1; the shutter is open for the first half of each frame, at six instants."""
-    step = 1 / max(frames - 1, 1)
-    moments = np.linspace(0, 1, frames)[:, None] + 0.5 * step * (np.arange(6) / 6)
-    instants = [[(view(t), poses(t)) for t in row] for row in moments.tolist()]
-    cameras, transforms = [row[0][0] for row in instants], [row[0][1] for row in instants]
-    return Exposure(scene, cameras, transforms, [{} for _ in instants], instants)

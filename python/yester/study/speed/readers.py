@@ -146,8 +146,8 @@ def compare(path: Path, rust: Path | None = None, runs: int = 7) -> dict[str, fl
 
 
 def _needed(path: Path) -> object:
-    contents = exr._look(path, None, None)
-    return exr._pixels(contents, contents.needed())
+    contents = exr.read_headers(path, None, None)
+    return exr.read_pixels(contents, contents.needed())
 
 
 def _oiio(path: Path, wanted: Sequence[str]) -> list[Any]:

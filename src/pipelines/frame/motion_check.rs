@@ -15,7 +15,7 @@
 
 use std::fmt::{self, Display};
 
-use super::frame::{Frame, still_motion};
+use super::{Frame, still_motion};
 use crate::image::{Pixels, Records, Size};
 use crate::kernels::camera::motion::Geometry;
 use crate::kernels::camera::pinhole::Camera;

@@ -5,7 +5,7 @@
 //! frame. With the claim
 //!   c = min |m − m′| over these pixels, 0 if there is none,
 //! another pixel's history is another surface's where |m − m′| − 2c exceeds a bound
-//! ([`motion_difference`](crate::kernels::fetch::validate::Params::motion_difference)). Speeds that change for the whole image,
+//! ([`motion_difference`](super::validate::Params::motion_difference)). Speeds that change for the whole image,
 //! as those of a camera in the hand, raise all claims alike, so that they are no reason to reject.
 //!
 //! SMAA's temporal mode trusts history by how far the lengths of both motions differ (Jimenez et al. 2012, *SMAA: Enhanced
@@ -17,9 +17,9 @@
 use std::ops::Range;
 use std::sync::atomic::{AtomicU32, Ordering};
 
+use super::footprint::Footprints;
+use super::validate::Tests;
 use crate::image::{Pixels, Records, SEGMENT, segments};
-use crate::kernels::fetch::footprint::Footprints;
-use crate::kernels::fetch::validate::Tests;
 use crate::math::distance;
 use crate::pixels::{MotionLanes, PixelsMut};
 use crate::rows::{self, Kernel, Simd};

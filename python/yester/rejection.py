@@ -1,0 +1,64 @@
+"""The tests that history fails, and the colours in which images show them."""
+
+from __future__ import annotations
+
+from enum import IntFlag
+
+__all__ = ["Rejection"]
+
+
+class Rejection(IntFlag):
+    """The tests that a pixel's history failed: bits of the masks of `consistency` and `Output.rejection`.
+
+    Attributes
+    ----------
+    OUTSIDE
+        The history lies outside the previous frame.
+    DEPTH
+        It has another depth than expected.
+    NORMAL
+        It has another orientation.
+    ID
+        It is another object.
+    VELOCITY
+        The motion is longer than allowed.
+    LUMINANCE
+        It has another brightness.
+    MOTION
+        It moved otherwise.
+
+    See Also
+    --------
+    consistency : The tests.
+    Output : Its `rejection` has these bits.
+
+    Examples
+    --------
+    >>> rejection = np.array([[0, 2], [6, 1]], np.uint8)
+    >>> yester.Rejection(int(rejection[1, 0]))
+    <Rejection.DEPTH|NORMAL: 6>
+    >>> rejection & yester.Rejection.DEPTH != 0
+    array([[False,  True],
+           [ True, False]])
+    """
+
+    OUTSIDE = 1
+    """The history lies outside the previous frame."""
+    DEPTH = 2
+    """It has another depth than expected."""
+    NORMAL = 4
+    """It has another orientation."""
+    ID = 8
+    """It is another object."""
+    VELOCITY = 16
+    """The motion is longer than allowed."""
+    LUMINANCE = 32
+    """It has another brightness."""
+    MOTION = 64
+    """It moved otherwise."""
+
+
+#: The colour of each test in reports and on the live page.
+COLORS = dict(
+    zip(Rejection, ("#4dabf7", "#ffd43b", "#69db7c", "#f783ac", "#ff922b", "#ffffff", "#b197fc"), strict=True)
+)
