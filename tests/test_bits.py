@@ -49,12 +49,15 @@ def test_same_bits_everywhere():
     ],
 )
 def test_nonsense_is_refused_by_name(variable, value):
-    result = python("-c", "import yester", **{variable: value})
-    assert result.returncode != 0
+    result = python("-c", "import yester; yester.exposure([[[1.0, 1, 1]]])", **{variable: value})
+    assert result.returncode == 1
     last = result.stderr.strip().splitlines()[-1]
-    assert last.startswith(("ImportError", "ValueError"))
-    assert variable in last
-    assert value in last
+    assert last.startswith(f"ValueError: {variable}: expected")
+    assert last.endswith(f"got {value}")
+    # The command line says it in one line.
+    result = python("-m", "yester", "--version", **{variable: value})
+    assert result.returncode == 2
+    assert result.stderr == f"yester: error: {last.removeprefix('ValueError: ')}\n"
 
 
 @pytest.mark.slow

@@ -413,6 +413,8 @@ def test_bad_input():
         yester.denoise([], lookahead=-1)
     with pytest.raises(TypeError):
         yester.denoise([], lookahead=1.5)
+    with pytest.raises(TypeError, match=r"^pipeline: expected a pipeline, such as SVGF\(\), got its class"):
+        yester.denoise([], yester.SVGF)
     with pytest.raises(TypeError, match=r"^pipeline: expected an object with a step, got int"):
         yester.denoise([], 5)
     small = Frame(np.ones((4, 5, 3), np.float32))

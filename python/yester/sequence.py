@@ -134,6 +134,8 @@ def denoise(frames: Iterable[Frame], pipeline: _Steps | None = None, lookahead: 
     ahead = index(lookahead)
     if ahead < 0:
         raise ValueError(f"lookahead: expected 0 or more frames, got {lookahead}")
+    if isinstance(pipeline, type):
+        raise TypeError(f"pipeline: expected a pipeline, such as {pipeline.__name__}(), got its class")
     if pipeline is not None and not hasattr(pipeline, "step"):
         raise TypeError(f"pipeline: expected an object with a step, got {type(pipeline).__name__}")
     pipeline = SVGF() if pipeline is None else copy.copy(pipeline)

@@ -16,6 +16,7 @@ use pyo3::types::{PyDict, PyTuple};
 use crate::error::Error;
 use crate::image::{Image, Pixels, Size, Value};
 use crate::memory::OutOfMemory;
+use crate::rows::Settings;
 
 impl From<Error> for PyErr {
     fn from(error: Error) -> Self {
@@ -33,8 +34,10 @@ pub fn needs(argument: &str, other: &str) -> PyErr {
     PyValueError::new_err(format!("{argument}: needs {other} as well"))
 }
 
-/// Runs `work` without the interpreter's lock; a failed allocation becomes a `MemoryError`.
+/// Runs `work` without the interpreter's lock; a failed allocation becomes a `MemoryError`. An error if the environment asks
+/// for threads or instructions that there are not: only here, so that the command line can say so in a line of its own.
 pub fn detached<T: Send>(py: Python<'_>, work: impl FnOnce() -> T + Send) -> PyResult<T> {
+    Settings::from_environment()?;
     let done = py.detach(|| catch_unwind(AssertUnwindSafe(work)));
     done.map_err(|panic| match panic.downcast::<OutOfMemory>() {
         Ok(error) => PyMemoryError::new_err(error.to_string()),
@@ -217,6 +220,9 @@ pub fn array<'py, T: Number>(
     {
         return Ok(readonly);
     }
+    if value.is_none() {
+        return Err(wrong_type(name, T::NAME, "None"));
+    }
     let array = value
         .py()
         .import("numpy")?
@@ -259,6 +265,9 @@ fn unreadable(value: &Bound<'_, PyAny>, name: &str, error: PyErr) -> PyErr {
         "bfloat16, which numpy does not have: pass x.float()"
     } else if text("is_cuda") == "True" {
         "a tensor on a GPU: pass x.cpu()"
+    } else if error.is_instance_of::<PyValueError>(value.py()) {
+        // Such as lists of rows of different length.
+        return PyValueError::new_err(format!("{name}: {}", error.value(value.py())));
     } else {
         return error;
     };

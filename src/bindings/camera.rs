@@ -1,10 +1,9 @@
 //! `Camera` and the kernels of the camera folder.
 
-use std::collections::BTreeMap;
-
 use glam::{DMat4, DVec2, DVec3};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
+use pyo3::types::PyMapping;
 
 use super::arrays::{
     self, Channels, Direct, Input, MOTION, Out, choice, detached, matrix4, needs, points, vector,
@@ -533,7 +532,7 @@ pub fn motion_vectors<'py>(
     camera: &Camera,
     previous_camera: &Camera,
     ids: Option<&Bound<'py, PyAny>>,
-    transforms: Option<BTreeMap<i64, Bound<'py, PyAny>>>,
+    transforms: Option<&Bound<'py, PyMapping>>,
     out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
     let motion = {
@@ -546,9 +545,12 @@ pub fn motion_vectors<'py>(
         if transforms.is_some() && ids.is_none() {
             return Err(needs("transforms", "ids"));
         }
-        let transforms = transforms.unwrap_or_default().into_iter();
-        let transforms: Vec<_> = transforms
-            .map(|(id, matrix)| {
+        let items = transforms
+            .map(|transforms| transforms.items())
+            .transpose()?;
+        let transforms: Vec<_> = (items.iter().flatten())
+            .map(|item| {
+                let (id, matrix): (i128, Bound<PyAny>) = item.extract()?;
                 Ok((
                     whole("transforms", id, "ids from 0 to 4294967295", |_: &u32| true)?,
                     DMat4::from_cols_array_2d(&matrix4(&matrix, &format!("transforms[{id}]"))?)

@@ -23,6 +23,7 @@ mod validate;
 
 use pyo3::prelude::*;
 
+use crate::bindings::arrays::detached;
 use crate::rows::Settings;
 
 /// The compiled half of `yester`; its public names are re-exported there.
@@ -83,7 +84,6 @@ mod _core {
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
-        crate::rows::Settings::from_environment()?;
         module.add("__version__", env!("CARGO_PKG_VERSION"))
     }
 }
@@ -111,6 +111,6 @@ fn settings() -> PyResult<(usize, &'static str)> {
 /// arithmetic : float
 ///     Multiply-adds per second.
 #[pyfunction]
-fn machine_limits(py: Python<'_>) -> (f64, f64) {
-    py.detach(limits::limits)
+fn machine_limits(py: Python<'_>) -> PyResult<(f64, f64)> {
+    detached(py, limits::limits)
 }

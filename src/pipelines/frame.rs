@@ -286,7 +286,7 @@ pub fn check_size(before: Size, now: Size) -> Result<()> {
     if before == now {
         return Ok(());
     }
-    let expected = format!("{before}, as in earlier frames (or reset() before)");
+    let expected = format!("{before}, as in the other frames (or reset() between)");
     Err(Error::value("frame", expected, now))
 }
 

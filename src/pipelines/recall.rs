@@ -112,7 +112,7 @@ impl Memory {
             .map(|has| if has { "given" } else { "absent" });
         Err(Error::value(
             "albedo",
-            format!("{before}, as in earlier frames (or reset() before)"),
+            format!("{before}, as in the other frames (or reset() between)"),
             now,
         ))
     }
