@@ -269,8 +269,9 @@ def test_missing_peers_are_named(own, tmp_path, modules, absent, there):
     assert [row["method"] for row in table(tmp_path / "points.csv")][1:] == list(methods[1:])
 
 
-def test_chart_refuses_before_work_starts(own, tmp_path):
-    out, cache = tmp_path / "out", tmp_path / "cache"
+def test_chart_refuses_before_work_starts(own, tmp_path, monkeypatch):
+    out = tmp_path / "out"
+    monkeypatch.setenv("YESTER_CACHE", str(tmp_path / "cache"))
     (tmp_path / "file").write_text("in the way")
     (tmp_path / "empty").mkdir()
     (tmp_path / "wide").mkdir()
@@ -282,7 +283,7 @@ def test_chart_refuses_before_work_starts(own, tmp_path):
     there = {path.name for path in tmp_path.iterdir()}
 
     def chart(*arguments):
-        return refused("chart", *arguments, "--no-peers", "-o", out, "--cache", cache)
+        return refused("chart", *arguments, "--no-peers", "-o", out)
 
     assert all(name in chart("--metrics", "psnr", "pnsr") for name in ("--metrics", "pnsr", "warped_error"))
     line = chart(*LITTLE, "--methods", "SVGF", "svfg")
@@ -304,6 +305,15 @@ def test_chart_refuses_before_work_starts(own, tmp_path):
     assert "references: expected one for each of 4 frames, got 3" in line
     assert "nowhere" in chart(own / "shot", "--references", tmp_path / "nowhere")
     assert "0.exr: expected 32 x 24" in chart(own / "shot", tmp_path / "wide")
+    for option in (
+        ("--sequences", "all"),
+        ("--length", 4),
+        ("--size", "32x24"),
+        ("--reference-spp", 4),
+        ("--seeds", 1),
+    ):
+        assert f"{option[0]}: expected no FRAMES beside it" in chart(own / "shot", *option)
+    assert "--cache: expected no FRAMES beside it" in chart(own / "shot", "--cache", tmp_path / "cache")
     assert {path.name for path in tmp_path.iterdir()} == there
 
 
@@ -313,7 +323,7 @@ def test_places_that_cannot_be_written(tmp_path):
     place, cache = tmp_path / "file" / "here", tmp_path / "cache"
     assert f"{place}: cannot be written" in refused("chart", *LITTLE, *QUICK, "--cache", cache, "-o", place)
     assert f"{place}: cannot be written" in refused("chart", *LITTLE, *QUICK, "--cache", place, "-o", tmp_path / "out")
-    assert str(place) in refused("stress", "--quick", "-o", place)
+    assert f"{place}: cannot be written" in refused("stress", "--quick", "-o", place)
     assert (tmp_path / "file").read_text() == "in the way"
     assert [path for path in tmp_path.rglob("*") if path.is_file()] == [tmp_path / "file"]
 

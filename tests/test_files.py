@@ -432,8 +432,174 @@ def test_plan_and_chart_take_mappings(tmp_path, capsys):
     given = "--metrics", "warped_error", "--methods", "TAA", "--no-peers", "--time-size", "32x24"
     run("chart", tmp_path / "in", "--map", mapping, "-o", tmp_path / "chart", *given)
     assert (tmp_path / "chart" / "points.csv").exists()
+    capsys.readouterr()
+    run("chart", tmp_path / "in", "--map", mapping, "-o", tmp_path / "chart", *given, code=2)
+    assert "report.html, " in (said := capsys.readouterr().err)
+    assert "points.csv: exists already: --overwrite replaces" in said
     run("chart", "-o", tmp_path / "chart", "--map", mapping, code=2)
     assert "expected FRAMES that they are about" in capsys.readouterr().err
+
+
+def test_chart_takes_one_shot(tmp_path, capsys):
+    """Its methods would carry history over a gap."""
+    frames = short(tmp_path / "in", "a1", "a2", "a4", "a5")
+    run("chart", frames, "--no-peers", "-o", tmp_path / "out", code=2)
+    said = f"{frames / 'a4.exr'}: frame numbers jump after {frames / 'a2.exr'} (3 is missing)"
+    assert f"{said}; expected consecutive frames of one shot\n" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+# Samples
+
+
+def test_every_second_frame_is_one_shot(tmp_path, capsys):
+    frames = short(tmp_path / "in", "a0", "a2", "a4", "a6", "a8")
+    run("denoise", frames, "-o", tmp_path / "out", "--method", "svgf")
+    assert "warning" not in capsys.readouterr().err
+    *_, want = yester.denoise([*io.read_sequence(frames)], yester.SVGF())
+    assert_same_bits(io.read_exr(tmp_path / "out" / "a8.exr").color, want.color)
+
+
+def test_missing_samples_are_named(tmp_path, capsys):
+    """The files that lack most come first, and more than three are counted."""
+    frames = short(tmp_path / "in", *(f"a{i}" for i in range(1, 7)))
+    for i, rows in enumerate((1, 12, 2, 3, 1), 1):
+        frame = io.read_exr(frames / f"a{i}.exr")
+        color = frame.color.copy()
+        color[:rows] = np.nan
+        io.write_exr(frames / f"a{i}.exr", yester.Frame(**frame.buffers() | {"color": color}))
+    run("denoise", frames, "-o", tmp_path / "out")
+    said = [line for line in capsys.readouterr().err.splitlines() if "samples" in line]
+    assert said == [
+        f"warning: {frames / 'a2.exr'}: all 192 samples are missing",
+        f"warning: {frames / 'a4.exr'}: 48 of 192 samples are missing",
+        f"warning: {frames / 'a3.exr'}: 32 of 192 samples are missing",
+        "warning: 2 more files have missing samples",
+    ]
+    run("denoise", frames, "-o", tmp_path / "half", "--method", "halfres")
+    said = [line for line in capsys.readouterr().err.splitlines() if "samples" in line]
+    assert said == [f"warning: {frames / 'a2.exr'}: all 192 samples are missing"]
+
+
+def test_buffers_of_nan_are_named(tmp_path, capsys):
+    normal = np.ones((12, 16, 3), np.float32)
+    normal[..., 0] = np.nan
+    frames = short(tmp_path / "in", normal=normal, motion=np.full((12, 16, 2), np.nan))
+    run("denoise", frames, "-o", tmp_path / "out")
+    said = capsys.readouterr().err
+    assert f"warning: {frames / 'a1.exr'}: normal is NaN in all pixels\n" in said
+    assert f"warning: {frames / 'a2.exr'}: motion is NaN in all pixels\n" in said
+    assert said.count("is NaN") == 2
+
+
+def test_values_that_are_too_large_are_named(tmp_path, capsys):
+    frames = short(tmp_path / "in", *(f"a{i}" for i in range(1, 7)))
+    run("denoise", frames, "-o", tmp_path / "calm", "--half")
+    assert "warning" not in capsys.readouterr().err
+    frame = io.read_exr(frames / "a1.exr")
+    color = frame.color.copy()
+    color[5, 5] = 1e30
+    io.write_exr(frames / "a1.exr", yester.Frame(**frame.buffers() | {"color": color}))
+    run("denoise", frames, "-o", tmp_path / "out", "--half")
+    said = capsys.readouterr().err
+    assert f"warning: {frames / 'a1.exr'}: values above 1e+18, whose squares overflow" in said
+    assert "results above 65504 are clipped to it" in said
+    assert "plan: the default: values too large to judge\n" in said
+    run("plan", frames)
+    assert capsys.readouterr() == ("the default: values too large to judge\n", "")
+
+
+def test_whole_numbers_are_no_colour(tmp_path, capsys):
+    planes = {name: np.ones((12, 16), np.uint32) for name in "RGB"}
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    OpenEXR.File(header, planes).write(str(tmp_path / "a.exr"))
+    assert io.describe(tmp_path / "a.exr").whole == ("color",)
+    run("denoise", tmp_path / "a.exr", "-o", tmp_path / "out", code=2)
+    said = f"yester: error: {tmp_path / 'a.exr'}: color: expected channels of floats, got uint32\n"
+    assert capsys.readouterr().err == said
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("option", [("--exposure", "nan"), ("--fps", 0)])
+def test_pictures_refuse_before_work_starts(tmp_path, capsys, option):
+    frames = short(tmp_path / "in")
+    run("picture", frames, "-o", tmp_path / "out" / "film.webp", *option, code=2)
+    assert f"{option[0].removeprefix('--')}: expected" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_files_that_must_not_be_read(shots, tmp_path, capsys, monkeypatch):
+    """They are left out like damaged ones. Tests may run as root, who may read everything."""
+    locked = shots / "a2.exr"
+    whole = type(locked).open
+
+    def opened(path, *arguments, **named):
+        if path == locked:
+            raise PermissionError(13, "Permission denied", str(path))
+        return whole(path, *arguments, **named)
+
+    monkeypatch.setattr(type(locked), "open", opened)
+    run("denoise", shots, "-o", tmp_path / "out", code=2)
+    assert f"yester: error: {locked}: Permission denied (--keep-going leaves" in capsys.readouterr().err
+    run("denoise", shots, "-o", tmp_path / "out", "--keep-going", "--method", "taa", code=1)
+    assert f"damaged, left out: {locked}: Permission denied\n" in capsys.readouterr().err
+    run("picture", shots, "-o", tmp_path / "png", code=1)
+    assert f"left out: {locked}: Permission denied\n" in capsys.readouterr().err
+
+
+def test_a_folder_that_must_not_be_read(shots, capsys, monkeypatch):
+    def scanned(path):
+        raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.setattr(os, "scandir", scanned)
+    run("plan", shots, code=2)
+    assert capsys.readouterr().err == f"yester: error: {shots}: Permission denied\n"
+
+
+# Messages
+
+
+def test_wrong_options_point_to_the_help_of_their_command(tmp_path, capsys):
+    for given, of in (
+        (("denoise", tmp_path, "-o", tmp_path / "out", "--bogus"), "yester denoise"),
+        (("check", tmp_path, "--frames", 1), "yester check"),
+        (("--bogus", "info", tmp_path), "yester"),
+    ):
+        with pytest.raises(SystemExit):
+            main([str(argument) for argument in given])
+        assert f"(see {of} --help)" in capsys.readouterr().err
+
+
+def test_plans_of_several_shots_name_them(shots, tmp_path, capsys):
+    run("denoise", shots, "-o", tmp_path / "out")
+    plans = [line for line in capsys.readouterr().err.splitlines() if line.startswith("plan")]
+    starts = [f"plan from {shots / name}.exr on: " for name in ("a1", "b1")]
+    assert [line[: len(start)] for line, start in zip(plans, starts, strict=True)] == starts
+
+
+def test_consequences_are_those_of_what_is_there(tmp_path):
+    for buffers, depth, normal in (
+        ({}, "are not detected, which leaves ghosts", "creases are not detected"),
+        ({"ids": np.ones((12, 16), np.uint32)}, "are detected by ids alone", "creases are not detected"),
+        ({"depth": np.ones((12, 16))}, None, "creases are detected by depth alone"),
+    ):
+        io.write_exr(tmp_path / "a.exr", noise(12, 16, **buffers))
+        missing = io.describe(tmp_path / "a.exr").missing
+        assert depth is None or missing["depth"].startswith(f"disocclusions {depth}")
+        assert missing["normal"].startswith(normal)
+
+
+def test_check_without_a_camera(tmp_path, capsys):
+    """Positions are there. Mitsuba's files never have a camera."""
+    for i in (1, 2):
+        shot = layouts.frame(i)
+        named = {"RGB": shot.color, "position.XYZ": np.nan_to_num(shot.position), "sh_normal.XYZ": shot.normal}
+        layouts.store(tmp_path / f"{i}.exr", layouts.layers(named), {"generatedBy": "Mitsuba version 3.6.0"})
+    run("check", tmp_path)
+    said = capsys.readouterr().out
+    assert "no cameras\n" in said
+    assert "no positions" not in said
+    assert "note: Mitsuba's files have no camera; yester.io.mitsuba.render_sequence" in said
 
 
 # Motion
@@ -537,10 +703,15 @@ def test_a_plan_replaces_nothing(tmp_path, capsys):
 def test_another_size_is_named(tmp_path, capsys):
     frames = short(tmp_path / "in")
     io.write_exr(frames / "a3.exr", noise(12, 18))
-    for given in (("check",), ("plan",), ("picture", "-o", tmp_path / "film.webp")):
-        run(given[0], frames, *given[1:], code=2)
+    for command in ("check", "plan"):
+        run(command, frames, code=2)
         line = capsys.readouterr().err.splitlines()[-1]
         assert line.startswith(f"yester: error: {frames / 'a3.exr'}: expected height and width (12, 16)")
+    (frames / "a0.exr").write_text("no image")
+    run("picture", frames, "-o", tmp_path / "films" / "film.webp", code=2)
+    said = f"yester: error: {frames / 'a3.exr'}: 18 x 12, but {frames / 'a1.exr'} is 16 x 12\n"
+    assert capsys.readouterr().err == said
+    assert not (tmp_path / "films").exists()
 
 
 def test_a_buffer_that_some_files_lack(tmp_path, capsys):

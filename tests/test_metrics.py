@@ -572,7 +572,7 @@ def test_values_that_are_no_floats_are_named(measure):
         with pytest.raises(TypeError, match=rf"^image: expected floats, got {np.dtype(dtype)}{advice}$"):
             measure(np.ones((11, 11, 3), dtype), *floats)
     assert Picture(np.ones((1, 1, 3), np.float16)).linear.dtype == np.float64
-    with pytest.raises(TypeError, match="^image: expected an array without a mask"):
+    with pytest.raises(TypeError, match=r"^image: expected an array without a mask"):
         measure(np.ma.masked_less(np.ones((11, 11, 3)), 2), *floats)
 
 

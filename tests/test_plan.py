@@ -298,12 +298,14 @@ def test_motion_to_the_next_frame_is_not_needed_backwards(moving):
         (lambda: [], "expected at least 5 frames to judge by, got 0"),
         (lambda: [yester.Frame(frame.color) for frame in frames()], "neither depth nor normals nor ids"),
         (lambda: frames(light=lambda t: np.nan), "no frame has finite samples"),
+        (lambda: frames(light=lambda t: 1e20), "values too large to judge"),
+        (lambda: frames(normal=np.full((64, 96, 3), np.nan)), "no pixel is found again in the next frame"),
         (lambda: frames(light=lambda t: 0), "nothing changes from frame to frame"),
         (lambda: frames(moving=False, color=np.full((64, 96, 3), 0.5)), "nothing changes from frame to frame"),
         (lambda: one_seed(), "frames have the noise of the frame before"),
         (lambda: [frame for frame in frames(4, moving=False) for _ in range(2)], "frames have the noise of the frame"),
     ],
-    ids=["few", "none", "no guides", "NaN", "black", "constant", "one seed", "twice"],
+    ids=["few", "none", "no guides", "NaN", "huge", "unknown normals", "black", "constant", "one seed", "twice"],
 )
 def test_nothing_to_judge_by(given, reason):
     """The plan says so and is the default."""

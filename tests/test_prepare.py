@@ -13,6 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import flight
+import layouts
 import noisebase
 import numpy as np
 import psutil
@@ -363,7 +364,8 @@ def test_a_first_frame_without_motion(tmp_path):
     done = prepare(tmp_path / "in", tmp_path / "out", jobs=1)
     assert done.sequences == ("a", "b")
     lacking = tmp_path / "in" / "c" / "frame_0001.exr"
-    assert done.set_aside == {"c": (f"{lacking}: no motion, and no camera with depth or position to compute it from",)}
+    unmoved = "no motion, and no camera with depth or position to compute it from"
+    assert done.set_aside == {"c": (f"{lacking}: {unmoved}; earlier frames have it",)}
     made = [tree(tmp_path / "out" / name) for name in "ab"]
     assert "data.zarr/full/denoised/c.2.0.0.0" in made[0]
     assert made[0] == made[1]
@@ -421,10 +423,15 @@ def test_references(inputs, tmp_path):
     assert (data["reference"][:] == 0.5).all()
     with pytest.raises(ValueError, match="got references True, now False"):
         prepare(inputs, tmp_path / "out", jobs=1, resume=True)
-    (tmp_path / "clean" / "one" / "frame_0001.exr").unlink()
+    clean = [tmp_path / "clean" / "one" / f"frame_{i:04}.exr" for i in range(3)]
+    write_exr(clean[2], np.zeros((HEIGHT, WIDTH + 1, 3), np.float32))
+    done = prepare(inputs, tmp_path / "other", **named)
+    other = f"{WIDTH + 1} x {HEIGHT}, but {inputs / 'one' / 'frame_0000.exr'} is {WIDTH} x {HEIGHT}"
+    assert done.set_aside == {"one": (f"{clean[2]}: {other}",)}
+    clean[1].unlink()
     done = prepare(inputs, tmp_path / "again", **named)
     assert done.sequences == ("set/two",)
-    assert done.set_aside["one"] == (f"{tmp_path / 'clean' / 'one' / 'frame_0001.exr'}: no such reference",)
+    assert done.set_aside["one"] == (f"{clean[1]}: no such reference",)
 
 
 def test_the_manifest(inputs, tmp_path):
@@ -470,8 +477,8 @@ def test_channels_are_mapped(inputs, upwards, tmp_path):
         prepare(upwards, tmp_path / "out", resume=True)
     arguments = [str(upwards), "-o", str(tmp_path / "out"), "--resume", "--map", "motion=motion.X,-motion.Y,motion.Z"]
     assert cli.main(["prepare", *arguments]) == 0
-    done = prepare(upwards, tmp_path / "none", mapping={"motion": ["speed.X", "speed.Y"]})
-    assert done.set_aside["one"][0].startswith(f"{upwards / 'one' / 'frame_0000.exr'}: mapping: motion: no channel")
+    with pytest.raises(ValueError, match=f"^{upwards / 'one' / 'frame_0000.exr'}: mapping: motion: no channel"):
+        prepare(upwards, tmp_path / "none", mapping={"motion": ["speed.X", "speed.Y"]})
 
 
 @pytest.mark.slow
@@ -500,7 +507,7 @@ def test_damaged_files_are_set_aside(inputs, tmp_path):
     paths = inputs / "one" / "frame_0001.exr", inputs / "one" / "frame_0002.exr", inputs / "set/two/frame_0000.exr"
     for line, path in zip(aside, paths, strict=True):
         assert line.startswith(f"set aside: {path}: ")
-    assert lines[-1] == "2 sequences were set aside: one, set/two; --resume tries them again"
+    assert lines[-1] == "2 sequences were set aside: one, set/two; once repaired, --resume tries them again"
     manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
     assert list(manifest["sequences"]) == ["three"]
     assert {name: len(messages) for name, messages in manifest["set_aside"].items()} == {"one": 2, "set/two": 1}
@@ -523,12 +530,123 @@ def test_what_sequences_lack_is_told(inputs, tmp_path):
     write(inputs / "growing", [frames[0], shots(2, 40, 24)[1]])
     done = prepare(inputs, tmp_path / "out", buffers=["demodulated", "history"], crop=(16, 12), jobs=1)
     assert done.sequences == ("one", "set/two")
-    assert "no albedo, which demodulated is made of" in done.set_aside["bare"][0]
+    assert "no albedo, which demodulated is made of, but --buffers asks for it" in done.set_aside["bare"][0]
     assert "smaller than the crop, 16 x 12" in done.set_aside["small"][0]
-    assert "frame_0001.exr: no demodulated" in done.set_aside["changing"][0]
-    assert "expected height 24 and width 32" in done.set_aside["growing"][0]
-    done = prepare(inputs / "bare", tmp_path / "other", buffers=["history"], jobs=1)
-    assert "no motion, and no camera" in done.set_aside["bare"][0]
+    lacks = "frame_0001.exr: no albedo, which demodulated is made of; earlier frames have it"
+    assert lacks in done.set_aside["changing"][0]
+    grown = f"frame_0001.exr: 40 x 24, but {inputs / 'growing' / 'frame_0000.exr'} is 32 x 24"
+    assert grown in done.set_aside["growing"][0]
+    with pytest.raises(ValueError, match="no motion, and no camera"):
+        prepare(inputs / "bare", tmp_path / "other", buffers=["history"], jobs=1)
+
+
+def test_headers_are_read_before_any_work(tmp_path, monkeypatch):
+    """Albedo that is there in some frames only stops the denoiser."""
+    frames = [replace(frame, albedo=np.full((8, 10, 3), 0.5)) for frame in still(4)]
+    bare = [replace(frame, albedo=None) for frame in frames]
+    write(tmp_path / "in" / "gain", [bare[0], bare[1], frames[2], frames[3]])
+    write(tmp_path / "in" / "lose", [*frames[:3], bare[3]])
+    monkeypatch.setattr(Source, "read", lambda _: pytest.fail("no pixels should be read"))
+    done = prepare(tmp_path / "in", tmp_path / "out", buffers=["color", "denoised"], jobs=1)
+    gain = f"{tmp_path / 'in/gain/frame_0002.exr'}, {tmp_path / 'in/gain/frame_0003.exr'}: albedo, which earlier frames"
+    lose = f"{tmp_path / 'in/lose/frame_0003.exr'}: no albedo; earlier frames have it"
+    assert done.set_aside["gain"][0].startswith(gain)
+    assert done.set_aside["lose"] == (lose,)
+
+
+def test_files_that_cannot_be_opened_are_named(tmp_path):
+    write(tmp_path / "in" / "a", still(1))
+    # Nothing is closed to the superuser; a link that leads nowhere cannot be opened, either.
+    closed = tmp_path / "in" / "b" / "frame_0000.exr"
+    closed.parent.mkdir()
+    closed.symlink_to(tmp_path / "nowhere")
+    done = prepare(tmp_path / "in", tmp_path / "out", jobs=1)
+    assert done.set_aside["b"] == (f"{closed}: {os.strerror(errno.ENOENT)}",)
+    assert done.sequences == ("a",)
+
+
+# Arguments and images
+
+
+@pytest.mark.filterwarnings("default:b. left out")
+def test_the_first_sequence_chooses_the_images(tmp_path, capsys):
+    write(tmp_path / "in" / "a", [yester.Frame(np.ones((8, 10, 3)))] * 2)
+    write(tmp_path / "in" / "b", still(2))
+    said = r"^b: left out: motion: the images are those that a, the first sequence, allows; --buffers chooses$"
+    with pytest.warns(UserWarning, match=said):
+        done = prepare(tmp_path / "in", tmp_path / "out", jobs=1)
+    assert (done.buffers, done.first) == (("color",), "a")
+    assert cli.main(["prepare", str(tmp_path / "in"), "-o", str(tmp_path / "out"), "--resume"]) == 0
+    said = capsys.readouterr()
+    assert said.out.splitlines()[1] == "images: color (all that a, the first sequence, allows)"
+    assert said.err.startswith("warning: b: left out: motion")
+    done = prepare(tmp_path / "in", tmp_path / "given", buffers=["color"], jobs=1)
+    assert (done.buffers, done.first) == (("color",), "")
+    # The other way round, the sequence that has less is set aside.
+    (tmp_path / "in" / "a").rename(tmp_path / "in" / "c")
+    for named, words in (
+        ({}, "b, the first sequence, has it; --buffers chooses"),
+        ({"resume": True}, "b, the first sequence, has it; --buffers chooses"),
+        ({"buffers": ["color", "motion"]}, "--buffers asks for it"),
+        ({"resume": True}, "the set has it"),
+    ):
+        if not named.get("resume"):
+            out = tmp_path / f"other{len(named)}"
+        done = prepare(tmp_path / "in", out, jobs=1, **named)
+        assert done.sequences == ("b",)
+        assert done.set_aside["c"][0].startswith(f"{tmp_path / 'in' / 'c' / 'frame_0000.exr'}: no motion")
+        assert done.set_aside["c"][0].endswith(f", but {words}")
+
+
+def test_what_denoise_warns_of(tmp_path):
+    """Motion of windows that move, and missing frames; the manifests have both."""
+    folder = tmp_path / "in" / "a"
+    folder.mkdir(parents=True)
+    for i in (1, 2, 3, 5):
+        corner = np.array([max(i, 2), 0], np.int32)
+        header = {"dataWindow": (corner, corner + np.array([9, 7], np.int32))}
+        header["displayWindow"] = (np.array([0, 0], np.int32), np.array([31, 23], np.int32))
+        named = {"RGB": still(1)[0].color, "motion.XY": np.zeros((8, 10, 2), np.float32)}
+        layouts.store(folder / f"{i}.exr", layouts.layers(named), header)
+    with pytest.warns(UserWarning, match=r"^a(-2)?: ") as said:
+        prepare(tmp_path / "in", tmp_path / "out", jobs=1)
+    moved = "3.exr: the data window has moved since the frame before: motion must contain that shift"
+    jump = "5.exr: frame numbers jump after 3.exr (4 is missing): history starts anew"
+    assert [str(one.message) for one in said] == [f"a: {moved}", f"a-2: {jump}"]
+    for name, message in (("a", moved), ("a-2", jump)):
+        assert json.loads((tmp_path / "out" / name / "manifest.json").read_text())["warnings"] == [message]
+
+
+def test_wrong_arguments_are_one_line(inputs, tmp_path, capsys):
+    (tmp_path / "elsewhere").mkdir()
+    for arguments, words in (
+        (["--crop", "9999x10"], "none of 2 sequences can be prepared: one: 32 x 24, smaller than the crop"),
+        (["--buffers", "reference"], "buffers: reference needs --references, "),
+        (["--references", str(tmp_path / "elsewhere")], "none of 2 sequences can be prepared: "),
+    ):
+        assert cli.main(["prepare", str(inputs), "-o", str(tmp_path / "out"), *arguments]) == 2
+        (line,) = capsys.readouterr().err.splitlines()
+        assert line.startswith(f"yester: error: {words}")
+    for i in range(3, 5):
+        shutil.copy(inputs / "one" / "frame_0000.exr", inputs / "one" / f"frame_{i:04}.exr")
+    _, aside = find_sequences(inputs, tmp_path / "elsewhere")
+    first = ", ".join(str(tmp_path / "elsewhere" / "one" / f"frame_{i:04}.exr") for i in range(3))
+    assert aside["one"] == [f"{first} and 2 more: no such reference"]
+    assert not (tmp_path / "out").exists()
+
+
+def test_resume_is_advised_where_it_helps(tmp_path, capsys):
+    for name in "ab":
+        write(tmp_path / "in" / name, still(1))
+    prepare(tmp_path / "in", tmp_path / "out", jobs=1)
+    again = ["prepare", str(tmp_path / "in"), "-o", str(tmp_path / "out"), "--resume"]
+    shutil.rmtree(tmp_path / "in" / "b")
+    assert cli.main(again) == 1
+    assert capsys.readouterr().err.splitlines()[-1] == "1 sequences were set aside: b"
+    write(tmp_path / "in" / "c", [])
+    (tmp_path / "in" / "c" / "1.exr").touch()
+    assert cli.main(again) == 1
+    assert capsys.readouterr().err.endswith(" set aside: b, c; once repaired, --resume tries them again\n")
 
 
 def test_outputs_that_are_refused(inputs, tmp_path):
@@ -588,9 +706,10 @@ def test_a_refused_run_settles_nothing(tmp_path):
     first = tmp_path / "in" / "a" / "frame_0000.exr"
     whole, out = first.read_bytes(), tmp_path / "out"
     first.write_bytes(whole[:100])
-    done = prepare(tmp_path / "in" / "a", out, jobs=1)
-    assert (done.sequences, list(done.set_aside)) == ((), ["a"])
-    assert list(prepare(tmp_path / "in", out, crop=(100, 100), jobs=1).set_aside) == ["a", "b"]
+    with pytest.raises(ValueError, match=f"^{first}: truncated or corrupt"):
+        prepare(tmp_path / "in" / "a", out, jobs=1)
+    with pytest.raises(ValueError, match=r"^none of 2 sequences can be prepared: "):
+        prepare(tmp_path / "in", out, crop=(100, 100), jobs=1)
     with pytest.raises(FileNotFoundError, match=r"^nowhere: no such folder"):
         prepare(tmp_path / "in", out, references="nowhere", jobs=1)
     assert not out.exists()
@@ -599,6 +718,52 @@ def test_a_refused_run_settles_nothing(tmp_path):
     first.write_bytes(whole)
     assert prepare(tmp_path / "in", out, jobs=1, resume=True).sequences == ("a", "b")
     assert json.loads((out / "manifest.json").read_text())["parameters"]["buffers"] == ["color"]
+
+
+def test_folders_that_cannot_be_written(inputs, tmp_path):
+    (tmp_path / "file").touch()
+    out = tmp_path / "file" / "out"
+    with pytest.raises(NotADirectoryError) as caught:
+        prepare(inputs, out)
+    assert (caught.value.filename, caught.value.strerror) == (
+        str(out),
+        f"cannot be written: {os.strerror(errno.ENOTDIR)}",
+    )
+
+
+def test_a_set_that_another_run_uses(tmp_path, monkeypatch):
+    write(tmp_path / "in" / "a", still(2))
+    inputs, out, tried = tmp_path / "in", tmp_path / "out", []
+
+    class Tries(store.ZarrStore):
+        def write(self, index, group, images):
+            tried.extend(told(inputs, "-o", out, "--resume", code=2))
+            super().write(index, group, images)
+
+    monkeypatch.setitem(run._WRITERS, "zarr", Tries)
+    prepare(inputs, out, jobs=1)
+    used = f"another run, process {os.getpid()}, uses it; if it does not, remove .run.{os.getpid()}.tmp"
+    assert tried == [f"yester: error: {out}: {used}"] * 2
+    assert sorted(path.name for path in out.iterdir()) == ["a", "manifest.json"]
+
+
+def test_only_what_prepare_made_is_removed(tmp_path):
+    write(tmp_path / "in" / "a", still(1))
+    prepare(tmp_path / "in", tmp_path / "out", jobs=1)
+    made = tree(tmp_path / "out")
+    over = subprocess.Popen([sys.executable, "-c", ""])
+    over.wait()
+    left = f".run.{over.pid}.tmp", f".a.{'0' * 32}.tmp", f".manifest.json.{over.pid}.tmp"
+    mine = ".notes.tmp", ".work.tmp", ".run.tmp", ".run.mine.tmp"
+    for name in (*left, *mine):
+        (tmp_path / "out" / name).write_bytes(b"")
+    prepare(tmp_path / "in", tmp_path / "out", jobs=1, resume=True)
+    assert tree(tmp_path / "out") == made | dict.fromkeys(mine, b"")
+    # A run that was killed at once leaves nothing to go on with, and is in nobody's way.
+    (tmp_path / "killed").mkdir()
+    (tmp_path / "killed" / left[0]).touch()
+    prepare(tmp_path / "in", tmp_path / "killed", jobs=1)
+    assert tree(tmp_path / "killed") == made
 
 
 # Inputs and outputs that change
@@ -611,7 +776,8 @@ def test_sequences_whose_inputs_changed_are_prepared_again(tmp_path):
     later = [tmp_path / "in" / "a" / f"frame_{i:04}.exr" for i in (2, 3, 5)]
     for path in later:
         path.rename(tmp_path / path.name)
-    done = prepare(tmp_path / "in", tmp_path / "out", jobs=1)
+    with pytest.warns(UserWarning, match="^a-2: frame_0004.exr: frame numbers jump after frame_0001.exr"):
+        done = prepare(tmp_path / "in", tmp_path / "out", jobs=1)
     assert (done.sequences, done.frames) == (("a", "a-2", "b"), 5)
     kept = (tmp_path / "out" / "b").stat().st_ino
     for path in later:

@@ -254,8 +254,17 @@ def test_references_that_fit_nothing(noisy, tmp_path):
     with pytest.raises(ValueError, match="references: expected one for each of 12 frames, got 11"):
         open_recording(noisy, eleven)
     shifted = shot(tmp_path / "shifted", [f"shot{i}.exr" for i in range(1, 13)])
-    with pytest.raises(ValueError, match=r"references: expected names of frames, or none of them, got .*shot12\.exr"):
-        open_recording(noisy, shifted)
+    takes = [shot(tmp_path / name, ["shot1.exr", "shot2.exr"]) for name in ("take", "retake")]
+    with pytest.raises(ValueError, match=r"references: expected names of frames, or none of them, got .*shot3\.exr"):
+        open_recording(takes, shifted)
+    assert open_recording(takes).references == {}
+
+
+def test_surplus_references(noisy, tmp_path):
+    """References of other names are named and not used."""
+    more = shot(tmp_path / "more", [f"shot{i}.exr" for i in range(10, 14)])
+    with pytest.warns(UserWarning, match=r"shot12\.exr and 1 more: no frame of that name: not used as a reference"):
+        assert numbers(open_recording(noisy, more)) == {10: 10, 11: 11}
 
 
 @pytest.mark.parametrize("role", ["frames", "references"])

@@ -726,7 +726,9 @@ def _cameras(shot: list[Frame]) -> tuple[Finding, list[Frame]]:
 
 def _cameras_by_motion(shot: list[Frame]) -> tuple[Finding, list[Frame]]:
     """The motion of a still scene between two cameras is that of the vectors."""
-    missing = [name for name in ("camera", "depth", "motion") if any(getattr(f, name) is None for f in shot)]
+    if any(frame.camera is None for frame in shot):
+        return Finding("cameras", "unchecked", "no cameras"), shot
+    missing = [name for name in ("depth", "motion") if any(getattr(f, name) is None for f in shot)]
     if missing:
         return Finding("cameras", "unchecked", f"no positions, and no {' or '.join(missing)}"), shot
     cameras = {name: list(alternative[0]) for name, alternative in _alternatives(shot).items()}

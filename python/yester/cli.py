@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager, nullcontext, redirect_stderr, suppress
 from copy import copy
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from glob import escape
 from importlib.util import find_spec
@@ -39,7 +39,7 @@ from . import (
 )
 from ._core import settings
 from .argtypes import count, extent, whole
-from .plan import PLANNED
+from .plan import LARGEST, PLANNED
 from .sequence import LOOKAHEAD
 
 if TYPE_CHECKING:
@@ -112,7 +112,7 @@ def _main(arguments: Sequence[str] | None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         return 141
     except OSError as error:
-        return _failed(f"{error.filename}: {error.strerror}" if error.filename and error.strerror else error)
+        return _failed(_told(error))
     except (ImportError, ValueError) as error:
         return _failed(error)
 
@@ -140,12 +140,26 @@ def _warned(message: Warning | str, *_: object, **__: object) -> None:
     print(f"warning: {message}", file=sys.stderr)
 
 
+def _told(error: Exception) -> str:
+    """The message of an error, without the number that Python puts in front."""
+    if isinstance(error, OSError) and error.filename and error.strerror:
+        return f"{error.filename}: {error.strerror}"
+    return str(error)
+
+
 def _failed(error: object) -> int:
     print(f"yester: error: {error}", file=sys.stderr)
     return 2
 
 
 class _Parser(argparse.ArgumentParser):
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[Any, list[str]]:
+        # A command leaves unknown options to the program's parser, which would point to its own help.
+        found, unknown = super().parse_known_args(args, namespace)
+        if unknown:
+            self.error(f"unrecognized arguments: {' '.join(unknown)}")
+        return found, unknown
+
     def error(self, message: str) -> NoReturn:
         raise SystemExit(_failed(f"{message} (see {self.prog} --help)"))
 
@@ -298,7 +312,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     looked.add_argument("inputs", metavar="IN", nargs="+", help="a folder, files or a pattern; in natural order")
     about = "consecutive frames to look at, from the middle of the first shot; %(default)s"
-    looked.add_argument("--frames", metavar="N", type=count, default=6, help=about)
+    looked.add_argument("--frames", metavar="N", type=partial(whole, least=2), default=6, help=about)
     channels(looked)
 
     chart = command(_chart, "chart", "chart the error of every method over its time, on rendered or your own sequences")
@@ -306,6 +320,7 @@ def _parser() -> argparse.ArgumentParser:
     channels(chart)
     chart.add_argument("--references", metavar="REF", nargs="+", help="noise-free files of the same names")
     chart.add_argument("-o", "--output", metavar="DIR", type=_path, default=Path("yester-chart"), help=output)
+    chart.add_argument("--overwrite", action="store_true", help="replace a report that exists")
     chart.add_argument("--metrics", metavar="METRIC", nargs="+", help="metrics; by default, all")
     chart.add_argument("--methods", metavar="METHOD", nargs="+", help="prefixes of methods' names; by default, all")
     chart.add_argument("--no-peers", action="store_true", help="leave out Open Image Denoise, OpenCV and torch")
@@ -319,11 +334,11 @@ def _parser() -> argparse.ArgumentParser:
     groups = (
         "names, or tuning, held-out, unkind-tuning, unkind-held-out, late-held-out, thin; default: all but the last two"
     )
-    render("--sequences", metavar="NAME", nargs="+", default=["all"], help=groups)
-    render("--length", metavar="N", type=count, default=16, help="number of frames; %(default)s")
-    render("--size", metavar="WxH", type=extent, default=(256, 192), help="size of the frames; 256x192")
+    render("--sequences", metavar="NAME", nargs="+", help=groups)
+    render("--length", metavar="N", type=count, help="number of frames; 16")
+    render("--size", metavar="WxH", type=extent, help="size of the frames; 256x192")
     render("--reference-spp", metavar="N", type=count, help="samples per pixel of references; by default, 256 or 512")
-    render("--seeds", metavar="N", type=count, default=1, help="number of realisations of the noise; %(default)s")
+    render("--seeds", metavar="N", type=count, help="number of realisations of the noise; 1")
     render("--cache", metavar="DIR", type=_path, help="folder for rendered frames; by default in the user's cache")
 
     stress = command(_stress, "stress", "run every pipeline on known failure cases with exact references")
@@ -409,12 +424,12 @@ def _denoise(options: argparse.Namespace) -> int:
             return _missing(shots, ("albedo", "normal"))
         return [*_unmoved(shots), *_missing(shots)]
 
-    def run(frames: Iterator[Frame], used: dict[str, None]) -> Iterator[Output]:
+    def run(frames: Iterator[Frame], used: dict[str, None], shot: str) -> Iterator[Output]:
         method = copy(pipeline)
         if method is None:
             first = list(islice(frames, PLANNED))
             found = _planned(first)
-            tqdm.write(f"plan: {found.summary()}", file=sys.stderr)
+            tqdm.write(f"plan{shot}: {found.summary()}", file=sys.stderr)
             # It is for these very frames, of which some may lack a buffer that others have.
             method, frames = replace(found, buffers=()).pipeline(), chain(first, frames)
         return _noted(denoise(frames, method, lookahead), used)
@@ -461,7 +476,7 @@ def _upscale(options: argparse.Namespace) -> int:
             (output,) = _noted([pipeline.step(frame)], used)
             yield Frame(**frame.buffers() | {"color": output.color}, camera=frame.camera, jitter=frame.jitter)
 
-    def run(frames: Iterator[Frame], used: dict[str, None]) -> Iterator[Output]:
+    def run(frames: Iterator[Frame], used: dict[str, None], _: str) -> Iterator[Output]:
         pipeline = copy(upscaler)
         return _noted(map(pipeline.step, denoised(frames, used) if options.denoise else frames), used)
 
@@ -484,15 +499,25 @@ def _picture(options: argparse.Namespace) -> int:
     _need("picture", "OpenEXR", "PIL", "tqdm")
     from tqdm import tqdm
 
-    from .io import read_exr
+    from .io import describe, read_exr
     from .io.ahead import ahead
-    from .io.pictures import write_animation, write_png
+    from .io.pictures import displayed, write_animation, write_png
 
     paths = _files(options.inputs)
     look = {"exposure": options.exposure, "curve": options.curve}
+    # Raises for an exposure that is not finite.
+    displayed([[[0, 0, 0]]], **look)
     film = options.output.suffix.lower() in _FILMS
     targets = [options.output] if film else _targets(paths, options.output, ".png", *_FILMS)
     _spare(targets, options)
+    if film and not options.fps > 0:
+        raise ValueError(f"--fps: expected more than 0, got {options.fps}")
+    files: list[Description] = []
+    for path in paths if film else ():
+        with suppress(OSError, ValueError):  # named when the file is left out
+            files.append(describe(path))
+    for known in files:
+        _of_one_size(known, files[0])
     for folder in {target.parent for target in targets}:
         _writable(folder)
     unread: list[Path] = []
@@ -502,22 +527,14 @@ def _picture(options: argparse.Namespace) -> int:
             return read_exr(path).color
         except (OSError, ValueError) as error:
             unread.append(path)
-            tqdm.write(f"left out: {error}", file=sys.stderr)
+            tqdm.write(f"left out: {_told(error)}", file=sys.stderr)
             return None
-
-    def of_one_size(images: Iterable[NDArray[np.float32] | None]) -> Iterator[NDArray[np.float32]]:
-        size = None
-        for path, image in zip(paths, images, strict=True):
-            if image is not None:
-                if size not in (None, image.shape[:2]):
-                    raise ValueError(f"{path}: expected height and width {size} as before, got {image.shape[:2]}")
-                size = image.shape[:2]
-                yield image
 
     read = ahead(map(color, paths))
     with closing(read), tqdm(read, "picture", len(paths), unit="frame", disable=None) as images:
         if film:
-            write_animation(options.output, of_one_size(images), fps=options.fps, **look)
+            some = (image for image in images if image is not None)
+            write_animation(options.output, some, fps=options.fps, **look)
         else:
             for target, image in zip(targets, images, strict=True):
                 if image is not None:
@@ -564,9 +581,13 @@ def _prepare(options: argparse.Namespace) -> int:
     for message in (message for messages in done.set_aside.values() for message in messages):
         print(f"set aside: {message}", file=sys.stderr)
     print(f"{done.folder}: {len(done.sequences)} sequences, {done.frames} frames")
+    chosen = f" (all that {done.first}, the first sequence, allows)" if done.first else ""
+    print(f"images: {', '.join(done.buffers)}{chosen}")
     if done.set_aside:
         few = ", ".join(done.set_aside)
-        print(f"{len(done.set_aside)} sequences were set aside: {few}; --resume tries them again", file=sys.stderr)
+        # Nothing can be tried where the inputs are not given.
+        again = "" if len(done.gone) == len(done.set_aside) else "; once repaired, --resume tries them again"
+        print(f"{len(done.set_aside)} sequences were set aside: {few}{again}", file=sys.stderr)
     return int(bool(done.set_aside))
 
 
@@ -575,6 +596,56 @@ def _noted(outputs: Iterable[Output], used: dict[str, None]) -> Iterator[Output]
     for output in outputs:
         used.update(dict.fromkeys(output.used))
         yield output
+
+
+@dataclass
+class _Odd:
+    """Files with samples, guide buffers or results that are missing or too large."""
+
+    #: Whether the method expects that most samples are missing.
+    sparse: bool
+    missing: dict[Path, tuple[int, int]] = field(default_factory=dict)
+    large: list[Path] = field(default_factory=list)
+    unknown: dict[str, list[Path]] = field(default_factory=dict)
+    clipped: list[Path] = field(default_factory=list)
+
+    def note(self, path: Path, frame: Frame, number: int) -> None:
+        """Look at a frame; `number` counts from the beginning of its shot."""
+        import numpy as np
+
+        color, every = frame.color, frame.height * frame.width
+        largest = max(color.max(), -color.min())
+        if not np.isfinite(largest):
+            known = np.isfinite(color)
+            largest = np.abs(color[known]).max(initial=0)
+            count = every - int(known.all(-1).sum())
+            if count == every or not self.sparse:
+                self.missing[path] = count, every
+        if largest > LARGEST:
+            self.large.append(path)
+        # A shot's first frame needs no motion.
+        guides = [name for name in frame.buffers() if name not in ("color", "motion")]
+        for name in guides if number == 0 else ["motion"] if number == 1 and frame.motion is not None else []:
+            if np.isnan(getattr(frame, name)).reshape(every, -1).any(-1).all():
+                self.unknown.setdefault(name, []).append(path)
+
+    def lines(self) -> list[str]:
+        """Warnings: of missing samples, the files that lack most come first."""
+        worst = sorted(self.missing.items(), key=lambda item: -item[1][0])
+        found = [
+            f"warning: {path}: {f'all {every}' if count == every else f'{count} of {every}'} samples are missing"
+            for path, (count, every) in worst[:_SHOWN]
+        ]
+        if len(worst) > _SHOWN:
+            found += [f"warning: {len(worst) - _SHOWN} more files have missing samples"]
+        for name, paths in self.unknown.items():
+            found += [f"warning: {_named(paths)}: {name} is NaN in all pixels"]
+        if self.large:
+            why = f"values above {LARGEST:g}, whose squares overflow: results are wrong in the whole frame"
+            found += [f"warning: {_named(self.large)}: {why}"]
+        if self.clipped:
+            found += [f"warning: {_named(self.clipped)}: results above 65504 are clipped to it, the largest float16"]
+        return found
 
 
 def _layers(known: Description) -> list[str]:
@@ -645,7 +716,7 @@ def _reading(options: argparse.Namespace) -> dict[str, Any]:
 def _convert(
     options: argparse.Namespace,
     what: str,
-    run: Callable[[Iterator[Frame], dict[str, None]], Iterator[Output]],
+    run: Callable[[Iterator[Frame], dict[str, None], str], Iterator[Output]],
     result: Callable[[Output, Frame], Frame],
     look: Callable[[list[list[Description]]], list[str]],
 ) -> int:
@@ -654,7 +725,7 @@ def _convert(
 
     from .io import Plate, read_plate, write_exr
     from .io.ahead import ahead
-    from .io.exr import COMPRESSIONS
+    from .io.exr import COMPRESSIONS, HALF_MAX
     from .io.shots import breaks
 
     if options.compression not in (None, *COMPRESSIONS):
@@ -680,6 +751,7 @@ def _convert(
     for note in [*damaged, *notes, *(f"warning: {about}" for about in anew.values())]:
         print(note, file=sys.stderr)
     used: dict[str, None] = {}
+    odd = _Odd(sparse=what == "denoise" and options.method in ("halfres", "recirculation"))
     todo = [i for shot in shots for i in shot]
     if options.resume:
         print(f"resumed: {len(there)} of {len(paths)} frames are there", file=sys.stderr)
@@ -701,20 +773,24 @@ def _convert(
             for index in coming:  # once, unless a frame is damaged: history begins anew behind it
                 held: deque[tuple[int, Frame, Plate | None]] = deque()
 
-                def frames(index: int, coming: Iterator[int] = coming, held: Any = held) -> Iterator[Frame]:
+                def frames(
+                    index: int, coming: Iterator[int] = coming, held: Any = held, start: int = shot[0]
+                ) -> Iterator[Frame]:
                     for number in chain([index], coming):
                         plate = next(plates)
                         if not isinstance(plate, Plate):
-                            damaged.append(f"damaged, left out: {plate}")
+                            damaged.append(f"damaged, left out: {_told(plate)}")
                             tqdm.write(damaged[-1], file=sys.stderr)
                             return
+                        odd.note(paths[number], plate.frame, number - start)
                         # To save memory, only the first waiting frame keeps its other layers; the rest are read again.
                         held.append((number, plate.frame, None if held else plate))
                         yield plate.frame
 
                 some = frames(index)
                 for first in some:
-                    for output in run(chain([first], some), used):
+                    where = f" from {paths[held[0][0]]} on" if len(shots) > 1 else ""
+                    for output in run(chain([first], some), used, where):
                         number, frame, plate = held.popleft()
                         yield number, result(output, frame), plate
 
@@ -726,8 +802,12 @@ def _convert(
     with closing(read), closing(made), tqdm(made, what, len(todo), unit="frame", disable=None) as frames:
         for index, frame, plate in frames:
             path, target = paths[index], targets[index]
+            if options.half and max(frame.color.max(), -frame.color.min()) > HALF_MAX:
+                odd.clipped.append(path)
             with _compared(target) if index in there else nullcontext(target) as at:
                 write_exr(at, frame, **writing, like=plate or read_plate(path, **reading))
+    for line in odd.lines():
+        print(line, file=sys.stderr)
     if todo:
         print(f"used: {', '.join(used) or 'colour alone'}", file=sys.stderr)
     return int(bool(damaged))
@@ -877,6 +957,9 @@ def _checked(options: argparse.Namespace) -> int:
     found = check(read_sequence(chosen, **reading), channels=stored)
     print(f"{known.renderer or 'no renderer'} recognised; looked at {chosen[0].name} to {chosen[-1].name}")
     print(*found, sep="\n")
+    if known.renderer.startswith("Mitsuba") and not known.camera:
+        how = "yester.io.mitsuba.render_sequence renders with one, and write_exr stores it"
+        print(f"note: Mitsuba's files have no camera; {how}")
     return int(any(finding.verdict == "wrong" for finding in found))
 
 
@@ -916,6 +999,11 @@ def _chart(options: argparse.Namespace) -> None:
 
     if options.references and not options.frames:
         raise ValueError("--references: expected FRAMES as well, got none")
+    if (options.map or options.view) and not options.frames:
+        raise ValueError("--map, --view: expected FRAMES that they are about, got none")
+    for option in ("--sequences", "--length", "--size", "--reference-spp", "--seeds", "--cache"):
+        if options.frames and getattr(options, _argument(option)) is not None:
+            raise ValueError(f"{option}: expected no FRAMES beside it, as it is for sequences to render")
     if options.ablate and options.methods:
         raise ValueError("--methods: expected none with --ablate, which chooses the methods itself")
     metrics = options.metrics and _known("--metrics", options.metrics, METRICS)
@@ -937,6 +1025,10 @@ def _chart(options: argparse.Namespace) -> None:
             known = "; ".join([*(m.name for m in every), *(f"(not installed) {name}" for name in absent)])
             raise ValueError(f"--methods: expected prefixes of {known}, got {one}")
     methods = [m for m in every if not wanted or m.name.startswith(wanted)]
+    written = ["report.html", "points.csv"]
+    if options.ablate or options.doors is not None:
+        written = ["ablation.csv" if options.ablate else "doors.csv"]
+    _spare([options.output / name for name in written], options)
     given = _recordings(options)
     folder = _writable(options.output)
     for name, remedy in absent.items():
@@ -972,22 +1064,26 @@ def _chart(options: argparse.Namespace) -> None:
 
 def _recordings(options: argparse.Namespace) -> Iterable[Any]:
     """The sequences to chart: the user's files, or rendered (and cached) ones, lazily."""
+    from .io.shots import breaks
     from .study.rendered.recording import open_recording, record
 
     if options.frames:
         references = options.references and _files(options.references)
-        return [open_recording(_files(options.frames), references, **_reading(options))]
-    if options.map or options.view:
-        raise ValueError("--map, --view: expected FRAMES that they are about, got none")
+        paths = _files(options.frames)
+        found = open_recording(paths, references, **_reading(options))
+        if anew := breaks(paths):  # methods would carry history on
+            where = anew[min(anew)].rpartition(": ")[0]
+            raise ValueError(f"{where}; expected consecutive frames of one shot")
+        return [found]
     _need("study", "mitsuba")
     from .study.rendered.sequences import GROUPS, LATE, NAMES, THIN, expand
 
-    asked = _known("--sequences", options.sequences, [*GROUPS, *NAMES, *LATE, *THIN])
+    asked = _known("--sequences", options.sequences or ["all"], [*GROUPS, *NAMES, *LATE, *THIN])
     if options.cache:
         _writable(options.cache)
-    width, height = options.size
-    shape = {"frames": options.length, "width": width, "height": height, "reference_spp": options.reference_spp}
-    shape["variants"] = options.seeds - 1
+    width, height = options.size or (256, 192)
+    shape = {"frames": options.length or 16, "width": width, "height": height, "reference_spp": options.reference_spp}
+    shape["variants"] = (options.seeds or 1) - 1
     shape["raw_albedo"] = options.doors is not None
     return (record(name, options.cache, **shape) for name in expand(asked))
 
@@ -1054,17 +1150,16 @@ def _check(
         except FileNotFoundError:  # a link that leads nowhere
             damaged.append(ValueError(f"{path}: not there"))
             continue
-        except ValueError as error:
-            damaged.append(error)
+        except (OSError, ValueError) as error:
+            damaged.append(ValueError(_told(error)))
             continue
         files.append(known)
         first = files[0]
         if "color" not in known.channels:
             raise without_colour(path, [*known.unused, *known.unrecognised])
-        if (known.width, known.height) != (first.width, first.height):
-            raise ValueError(
-                f"{path}: {known.width} x {known.height}, but {first.path} is {first.width} x {first.height}"
-            )
+        if known.whole:
+            raise ValueError(f"{path}: {known.whole[0]}: expected channels of floats, got uint32")
+        _of_one_size(known, first)
         if ("albedo" in known.channels) != ("albedo" in first.channels):
             has, lacks = (path, first.path) if "albedo" in known.channels else (first.path, path)
             raise ValueError(f"{lacks}: no albedo, but {has} has albedo")
@@ -1073,6 +1168,14 @@ def _check(
         named = ": " + "; ".join(str(error).partition(": ")[0] for error in damaged[1:]) if others else ""
         raise ValueError(f"{damaged[0]}{others}{named} (--keep-going leaves them out)")
     return files, [f"damaged, left out: {error}" for error in damaged]
+
+
+def _of_one_size(known: Description, first: Description) -> None:
+    """Raise ValueError for a file of another size than the first."""
+    if (known.width, known.height) != (first.width, first.height):
+        raise ValueError(
+            f"{known.path}: {known.width} x {known.height}, but {first.path} is {first.width} x {first.height}"
+        )
 
 
 def _spare(targets: Iterable[Path], options: argparse.Namespace, remedy: str = "--overwrite replaces") -> None:

@@ -41,6 +41,8 @@ _STRICTNESS, _MARGIN = 2.0, 0.05
 _HARM, _SURFACE_HARM = -0.125, -0.5
 #: Squared change between frames, relative to the squared radiance, below which nothing changes but by rounding.
 _NOTHING = 1e-8
+#: Radiance above which values cannot be judged, and make results wrong: squares overflow in single precision.
+LARGEST = 1e18
 #: Repetition of noise above which frames cannot judge, as in the pipelines.
 _REPEATS = 0.3
 #: The name of the stage that gives new samples more weight than old ones.
@@ -402,8 +404,8 @@ def plan(frames: Iterable[Frame], *, count: int = PLANNED) -> Plan:
     -------
     Plan
         The default, with a `UserWarning` and a ``reason``, if nothing can be judged: fewer than five frames, no depth,
-        normals or ids, no finite samples, noise that is the same in most frames, or nothing that changes from frame to
-        frame, as in black or constant images.
+        normals or ids, no finite samples, values above 1e18, noise that is the same in most frames, no pixel that is
+        found again in the next frame, or nothing that changes from frame to frame, as in black or constant images.
 
     Raises
     ------
@@ -457,6 +459,8 @@ def plan(frames: Iterable[Frame], *, count: int = PLANNED) -> Plan:
         return _default(buffers, "neither depth nor normals nor ids tell surfaces apart")
     if not any(np.isfinite(window.color).all(-1).any() for each in windows for window in each):
         return _default(buffers, "no frame has finite samples")
+    if any(((np.abs(w.color) > LARGEST) & np.isfinite(w.color)).any() for each in windows for w in each):
+        return _default(buffers, "values too large to judge")
     shown = [*zip(*windows, strict=True)]
     # Of most frames, as one may have been rendered twice.
     if np.median([repetitions(window) for window in shown]) > _REPEATS:
@@ -542,6 +546,8 @@ class _Planning:
                 if trial.name in useless:
                     bounds = max(trial.allowed, _MARGIN), min(trial.errors, base.errors)
                     base = trial.beside(base)._replace(allowed=bounds[0], errors=bounds[1])
+        if all(math.isnan(stage.loss) for stage in evidence):
+            return _default(self.given, "no pixel is found again in the next frame")
         if sum(not stage.used for stage in evidence) > 1:
             (together,) = self.judge(default, [base])
             if together.used:
@@ -596,8 +602,8 @@ class _Planning:
     def changes(self, trial: _Trial) -> bool:
         """Whether results change from frame to frame by more than rounding, so that there is something to judge by."""
         images = [self.run(number, trial).images for number in range(len(self.windows))]
-        moved = max(float(np.square(b - a).mean()) for each in images for a, b in pairwise(each))
-        return moved > _NOTHING * max(float(np.square(each[-1]).mean()) for each in images)
+        moved = max(_mean_square(b - a) for each in images for a, b in pairwise(each))
+        return moved > _NOTHING * max(_mean_square(each[-1]) for each in images)
 
     def static(self, trial: _Trial) -> bool:
         """Whether camera, scene and light stand still: motion is zero, and history hardly ever cut short."""
@@ -624,6 +630,10 @@ def _bound(parts: list[NDArray[np.float64]], errors: float) -> tuple[float, floa
         loss, error = each.difference / scale, each.error / scale
         bounds.append((loss + errors * error, loss, error))
     return max(bounds, key=lambda bound: math.inf if math.isnan(bound[0]) else bound[0])
+
+
+def _mean_square(image: NDArray[np.float32]) -> float:
+    return float(np.square(image, dtype=np.float64).mean())
 
 
 def _buffers(frame: Frame) -> list[str]:

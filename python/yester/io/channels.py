@@ -543,6 +543,12 @@ def missing(found: Iterable[str], *, camera: bool) -> dict[str, str]:
     """The consequences of each missing buffer, or camera, given those in `found`."""
     here = {*found, "camera"} if camera else {*found}
     costs = {name: cost for name, cost in COSTS.items() if name not in here}
+    guides = [several for name, several in {"normal": "normals", "ids": "ids"}.items() if name in here]
+    if "depth" in costs and len(guides) < 2:
+        how = f"are detected by {guides[0]} alone, which may leave" if guides else "are not detected, which leaves"
+        costs["depth"] = f"disocclusions {how} ghosts"
+    if "normal" in costs and "depth" not in here:
+        costs["normal"] = "creases are not detected, and blur"
     if "motion" in here:
         costs.pop("position", None)
     elif camera and here & {"depth", "position"}:

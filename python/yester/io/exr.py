@@ -39,7 +39,8 @@ _HALVED = {"color", "albedo", "normal", "emission", "object_normal", "replay"}
 _STORAGE = {"channels", "chunkCount", "compression", "lineOrder", "tiles", "type", "version"}
 #: Attribute that lists the channels of a result, if the noisy colour is in others.
 _RESULT = "yester.color"
-_HALF_MAX = float(np.finfo(np.float16).max)
+#: The largest float16.
+HALF_MAX = float(np.finfo(np.float16).max)
 #: Compressions that keep pixels, or that keep those that they have once stored, by the names that OpenEXR gives them.
 _LOSSLESS = ("NO", "RLE", "ZIPS", "ZIP", "PIZ", "PXR24", "HTJ2K256", "HTJ2K32", "ZSTD")
 #: The compressions that can be asked for.
@@ -88,6 +89,8 @@ class Description:
         By buffer, what the stored components are multiplied by.
     corner : (int, int)
         First column and row of the data window.
+    whole : tuple of str
+        Buffers of floats that are stored as whole numbers, which `read_exr` refuses.
 
     See Also
     --------
@@ -112,6 +115,7 @@ class Description:
     remarks: tuple[str, ...] = ()
     factors: dict[str, tuple[float, ...]] = field(default_factory=dict)
     corner: tuple[int, int] = (0, 0)
+    whole: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -340,7 +344,7 @@ def write_exr(
         for name, plane in zip(names, np.moveaxis(np.atleast_3d(values), -1, 0), strict=False):
             former = replaced[name].pixels.dtype if name in replaced else np.float32
             if buffer in _HALVED and (former == np.float16 if half is None else half):
-                plane = np.where(np.isfinite(plane), np.clip(plane, -_HALF_MAX, _HALF_MAX), plane).astype(np.float16)
+                plane = np.where(np.isfinite(plane), np.clip(plane, -HALF_MAX, HALF_MAX), plane).astype(np.float16)
             channels[name] = np.ascontiguousarray(plane)
     main = exr.Part(header | _storage(exr, like and like.main, compression), channels, header.get("name", ""))
     parts = [main]
@@ -381,6 +385,8 @@ def sequence_paths(source: Source | Iterable[Source]) -> list[Path]:
     ------
     FileNotFoundError
         If something named without a pattern is not there.
+    PermissionError
+        If a folder cannot be read.
     ValueError
         If a folder or pattern has no EXR file, or a name is empty.
 
@@ -402,7 +408,10 @@ def sequence_paths(source: Source | Iterable[Source]) -> list[Path]:
     path = Path(source)
     if path.is_dir():
         # As with a pattern, hidden files do not count, such as those that macOS leaves beside others.
-        found = [item for item in path.glob("[!.]*") if item.suffix.lower() == ".exr" and not item.is_dir()]
+        # Unlike glob, scandir raises where the folder cannot be read.
+        with os.scandir(path) as entries:
+            names = [entry.name for entry in entries if not entry.name.startswith(".") and not entry.is_dir()]
+        found = [path / name for name in names if Path(name).suffix.lower() == ".exr"]
     elif path.exists():
         return [path]
     elif glob.has_magic(str(path)):
@@ -579,6 +588,7 @@ def describe(path: Source, *, mapping: Mapped | None = None, view: str | None = 
             for buffer, found in known.buffers.items()
         },
         corner=(int(left), int(top)),
+        whole=tuple(name for name in known.buffers if name != "ids" and contents.is_whole(name)),
     )
 
 
@@ -593,6 +603,8 @@ class Contents:
     known: Recognised
     views: tuple[str, ...]
     view: str
+    #: By part, the type of each channel's samples.
+    kinds: list[dict[str, int]]
 
     @property
     def header(self) -> dict[str, Any]:
@@ -608,6 +620,12 @@ class Contents:
         channels = (name for one in self.known.buffers.values() for name in (*one.channels, *one.plus))
         return {self.places[name][0] for name in channels}
 
+    def is_whole(self, buffer: str) -> bool:
+        """Whether a buffer has whole numbers, which are neither read as ids nor converted to floats."""
+        places = [self.places[name] for name in self.known.buffers[buffer].channels]
+        whole = all(self.kinds[part].get(own) == layout.UINT for part, own in places)
+        return whole and buffer not in ("normal", "depth") and set(self.known.buffers[buffer].form.scale) <= {1.0}
+
     def cameras(self) -> list[View]:
         attributes = self.attributes("worldToNDC", "worldToCamera")
         given = {name: attributes[name] for name in ("worldToNDC", "worldToCamera") if name in attributes}
@@ -619,7 +637,7 @@ class Contents:
 
 def read_headers(path: Path, mapping: Mapped | None, view: str | None) -> Contents:
     """Read the headers of a file, and recognise what it has."""
-    halved = layout.check(path)
+    kinds = layout.check(path)
     exr = _openexr()
     with _decoding(path):
         headers = [part.header for part in _opened(exr, _openable(path), header_only=True).parts]
@@ -638,7 +656,7 @@ def read_headers(path: Path, mapping: Mapped | None, view: str | None) -> Conten
     places = _places(headers, [main, *(i for i in parts if i != main)], main)
     others = [i for i in range(len(headers)) if i not in parts]
     bare = _viewless(places, views, default, chosen)
-    half = {name for name, (part, own) in places.items() if own in halved[part]}
+    half = {name for name, (part, own) in places.items() if kinds[part].get(own) == layout.HALF}
     results = {name for name, (part, own) in places.items() if own in _results(headers[part])}
     attributes = {name: value for i in reversed(range(len(headers))) for name, value in headers[i].items()}
     known = recognise(bare, attributes, half, results)
@@ -651,7 +669,7 @@ def read_headers(path: Path, mapping: Mapped | None, view: str | None) -> Conten
         target = places[known.buffers["color"].target[0]][0]
         main = target
     every = places | {f"{headers[i].get('name', i)}:{own}": (i, own) for i in others for own in _names(headers[i])}
-    return Contents(path, headers, main, every, known, views, chosen if views else "")
+    return Contents(path, headers, main, every, known, views, chosen if views else "", kinds)
 
 
 def _views(headers: list[dict[str, Any]]) -> tuple[str, ...]:

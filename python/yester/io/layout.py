@@ -37,7 +37,7 @@ _PIXELS_MAX = 2**31
 _TILE_MAX = 2**22
 #: Types of samples: unsigned integer, half, float.
 _SAMPLES = 3
-_HALF = 1
+UINT, HALF = 0, 1
 
 
 @dataclass(frozen=True)
@@ -49,11 +49,11 @@ class Attribute:
     size: int
 
 
-def check(path: Path) -> list[set[str]]:
+def check(path: Path) -> list[dict[str, int]]:
     """Raise ValueError, naming the file, unless it is laid out as an EXR file of flat images and has all its chunks.
 
-    Chunks are not decoded. OSError if the file cannot be opened. Returns the half-float channels of each part, which
-    OpenEXR's Python module does not tell without pixels.
+    Chunks are not decoded. OSError if the file cannot be opened. Returns, by part, the type of each channel's samples,
+    which OpenEXR's Python module does not tell without pixels.
     """
     with path.open("rb") as file:
         magic = file.read(len(_MAGIC))
@@ -144,12 +144,12 @@ class _UnsupportedError(ValueError):
     """The error for an intact file of an unsupported kind."""
 
 
-def _check(data: mmap.mmap) -> list[set[str]]:
+def _check(data: mmap.mmap) -> list[dict[str, int]]:
     (version,) = struct.unpack_from("<I", data, 4)
     if version & 0xFF != 2 or version & ~0xFF & ~(_TILED | _LONG_NAMES | _DEEP | _SEVERAL):
         raise ValueError(f"an unknown version or flags: {version:#x}")
     parts, at = headers(data)
-    several, half = bool(version & _SEVERAL), []
+    several, kinds = bool(version & _SEVERAL), []
     if several and version & _TILED:
         raise ValueError("contradictory flags: a single tiled part, and several parts")
     for header in parts:
@@ -161,17 +161,17 @@ def _check(data: mmap.mmap) -> list[set[str]]:
                 raise ValueError(f"attribute {name!r}: expected {kind}, got {got}")
         if several and not header.keys() >= {"name", "type", "chunkCount"}:
             raise ValueError("a part without name, type or chunkCount")
-        half.append(_check_image(data, header, deep=bool(version & _DEEP)))
+        kinds.append(_check_image(data, header, deep=bool(version & _DEEP)))
     for header in parts:
         tiled = _value(data, header["type"]).startswith(b"tiled") if several else bool(version & _TILED)
         count = struct.unpack("<i", _value(data, header["chunkCount"]))[0] if several else None
         # Before its size, a chunk has the part's number, in files of several parts, and its coordinates.
         at = _check_chunks(data, at, count, 4 * several + (16 if tiled else 4))
-    return half
+    return kinds
 
 
-def _check_image(data: mmap.mmap, header: dict[str, Attribute], *, deep: bool) -> set[str]:
-    """Check the header of a part; returns its half-float channels."""
+def _check_image(data: mmap.mmap, header: dict[str, Attribute], *, deep: bool) -> dict[str, int]:
+    """Check the header of a part; returns the type of each channel's samples."""
     kind = header.get("type")
     if deep or (kind and _value(data, kind).startswith(b"deep")):
         raise _UnsupportedError("a deep image, which cannot be read: flatten it")
@@ -190,7 +190,7 @@ def _check_image(data: mmap.mmap, header: dict[str, Attribute], *, deep: bool) -
         (value,) = struct.unpack_from("<f", data, header[name].start)
         if not math.isfinite(value):
             raise ValueError(f"{name}: {value}")
-    half = set()
+    kinds = {}
     at, end = header["channels"].start, header["channels"].start + header["channels"].size
     while at < end - 1:
         name, at = _text(data, at)
@@ -201,12 +201,11 @@ def _check_image(data: mmap.mmap, header: dict[str, Attribute], *, deep: bool) -
             raise _UnsupportedError(
                 f"channel {name!r}: subsampled, {sampling[0]} x {sampling[1]}, which cannot be read"
             )
-        if sample == _HALF:
-            half.add(name)
+        kinds[name] = sample
         at += 16
     if at != end - 1 or data[at]:
         raise ValueError("channels: the list does not end where its size says")
-    return half
+    return kinds
 
 
 def _check_chunks(data: mmap.mmap, start: int, count: int | None, head: int) -> int:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterable, Sequence
 from itertools import pairwise
 from pathlib import Path
 
@@ -33,35 +34,51 @@ def breaks(paths: Sequence[Path]) -> dict[int, str]:
     Notes
     -----
     Consecutive files belong to one shot if their names differ in exactly one number, and always the same one. That
-    number counts frames and must increase by one.
+    number counts frames and must increase by the shot's step: its most common increase, the smallest of several. If no
+    increase comes twice, the step is 1.
     """
     found: dict[int, str] = {}
+    #: By shot: index of the file, number of the file before, and its own.
+    shots: list[list[tuple[int, int, int]]] = [[]]
     counter = None
     for index, (former, path) in enumerate(pairwise(paths), 1):
         before, here = _pieces(former), _pieces(path)
         differ = [i for i, pair in enumerate(zip(before, here, strict=False)) if pair[0] != pair[1]]
         if before == here:
-            found[index] = (
-                f"{path}: the same frame number as {former}, so not the same shot: processed as a separate sequence"
-            )
-            counter = None
+            why = f"the same frame number as {former}, so not the same shot"
+        elif len(before) != len(here) or len(differ) != 1 or differ[0] % 2 == 0 or counter not in (None, differ[0]):
+            why = f"not the same shot as {former}"
+        else:
+            (counter,) = differ
+            shots[-1].append((index, int(before[counter]), int(here[counter])))
             continue
-        if len(before) != len(here) or len(differ) != 1 or differ[0] % 2 == 0 or counter not in (None, differ[0]):
-            found[index] = f"{path}: not the same shot as {former}: processed as a separate sequence"
-            counter = None
-            continue
-        (counter,) = differ
-        low, high = int(before[counter]), int(here[counter])
-        if high != low + 1:
-            gap = (
-                f"{low + 1} to {high - 1} are missing"
-                if high > low + 2
-                else f"{low + 1} is missing"
-                if high > low
-                else ""
-            )
-            found[index] = f"{path}: frame numbers jump after {former}{gap and f' ({gap})'}: history starts anew"
-    return found
+        found[index] = f"{path}: {why}: processed as a separate sequence"
+        counter = None
+        shots.append([])
+    for shot in shots:
+        step = _step(high - low for _, low, high in shot)
+        for index, low, high in shot:
+            if high - low != step:
+                gap = _gap(low, high, step)
+                found[index] = f"{paths[index]}: frame numbers jump after {paths[index - 1]}{gap}: history starts anew"
+    return dict(sorted(found.items()))
+
+
+def _step(increases: Iterable[int]) -> int:
+    """The most common increase of a shot's numbers, the smallest of several; 1 if none comes twice."""
+    counts = Counter(increase for increase in increases if increase > 0)
+    most = max(counts.values(), default=0)
+    return min(increase for increase, count in counts.items() if count == most) if most > 1 else 1
+
+
+def _gap(low: int, high: int, step: int) -> str:
+    """The missing numbers between two, for a message; empty where the step does not lead from one to the other."""
+    if high <= low or (high - low) % step:
+        return ""
+    first, last = low + step, high - step
+    if first == last:
+        return f" ({first} is missing)"
+    return f" ({first} to {last} are missing{f', in steps of {step}' if step > 1 else ''})"
 
 
 def _pieces(path: Path) -> list[str]:

@@ -12,7 +12,7 @@ from .._core import SVGF, accumulate, demodulate, estimate_variance, is_reflecta
 from ..frame import Frame, present
 from ..judge import known_motion, surface_tests
 
-__all__ = ["CHANNELS", "DERIVED", "derive", "halve", "needs"]
+__all__ = ["CHANNELS", "DERIVED", "MOVING", "derive", "halve", "needs"]
 
 Images = dict[str, NDArray[Any]]
 
@@ -44,7 +44,7 @@ CHANNELS: dict[str, int] = {
 DERIVED = ("demodulated", "history", "history_length", "validity", "difference", "variance", "denoised")
 _TEMPORAL = {"history", "history_length", "validity", "difference", "variance"}
 #: Those that need the motion of every frame but the first.
-_MOVING = {"motion", "denoised", *_TEMPORAL}
+MOVING = {"motion", "denoised", *_TEMPORAL}
 _UNMOVED = "no motion, and no camera with depth or position to compute it from"
 
 #: Smallest weight of the new sample in the history: that of `SVGF`.
@@ -57,11 +57,11 @@ _OF_ONE = {"normal", "depth", "motion", "ids", "position", "object_normal", "hit
 def needs(name: str, known: Collection[str]) -> str | None:
     """What is missing for an image, given a sequence's buffers (and ``"camera"``); None if nothing is."""
     places = "camera" in known and ("depth" in known or "position" in known)
-    if name in _MOVING:
-        return None if "motion" in known or places else _UNMOVED
-    if name == "demodulated":
-        return None if "albedo" in known else "no albedo"
-    return None if name in known else f"no {name}"
+    of = f", which {name} is made of" if name in DERIVED else ""
+    if name in MOVING:
+        return None if "motion" in known or places else f"{_UNMOVED}{of}"
+    source = "albedo" if name == "demodulated" else name
+    return None if source in known else f"no {source}{of}"
 
 
 def derive(frames: Iterable[Frame], wanted: Collection[str]) -> Iterator[tuple[Images, int]]:
@@ -109,7 +109,7 @@ def derive(frames: Iterable[Frame], wanted: Collection[str]) -> Iterator[tuple[I
             expected = f"height {height} and width {width}, as in earlier frames"
             raise ValueError(f"expected {expected}, got height {own} and width {across}")
         motion = None if before is None else known_motion(before, frame)
-        if before is not None and motion is None and wanted & _MOVING:
+        if before is not None and motion is None and wanted & MOVING:
             raise ValueError(_UNMOVED)
         images: Images = dict(frame.buffers())
         seen = np.isfinite(frame.color).all(-1)

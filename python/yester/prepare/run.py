@@ -8,6 +8,7 @@ import json
 import multiprocessing
 import os
 import platform
+import re
 import shutil
 import signal
 import threading
@@ -15,9 +16,8 @@ import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import closing
+from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass, field, replace
-from glob import escape
 from importlib import metadata
 from pathlib import Path
 from queue import SimpleQueue
@@ -28,10 +28,10 @@ import numpy as np
 
 from .. import Frame, __version__
 from ..io.ahead import ahead
-from ..io.files import beside
+from ..io.files import beside, in_use
 from ..io.mapping import Mapped, load
 from .buffers import CHANNELS, DERIVED, derive, halve, needs
-from .sources import Damaged, Known, Source, find_sequences
+from .sources import Damaged, Known, Source, few, find_sequences
 from .store import EXRFiles, Writer, ZarrStore, checksums, stored
 
 __all__ = ["Parameters", "Prepared", "prepare"]
@@ -42,6 +42,10 @@ _ATTEMPTS = 3
 #: Seconds to wait for a scheduler.
 _PATIENCE = 10
 _MANIFEST = "manifest.json"
+#: What runs that were killed leave in a set's folder: sequences and manifests that are half-written.
+_HALF = re.compile(r"\..+\.[0-9a-f]{32}\.tmp|\.manifest\.json\.\d+\.tmp", re.DOTALL)
+#: A file that is there while a process, whose number it has, uses the folder.
+_LOCK = re.compile(r"\.run\.\d+\.tmp")
 #: Held while warnings are caught: that is for all threads of a process, and a Dask worker may have several.
 _CATCHING = threading.Lock()
 
@@ -103,12 +107,21 @@ class Prepared:
     set_aside : dict of str to tuple of str
         The sequences that could not be prepared, and why: a message for each damaged file. On `resume`, also those of
         the earlier run that are not in the inputs.
+    buffers : tuple of str
+        The images of each frame.
+    first : str
+        The sequence that the images were chosen by; empty if they were given, or are those of the earlier run.
+    gone : tuple of str
+        Those set aside because they are not in the inputs any more.
     """
 
     folder: Path
     sequences: tuple[str, ...]
     frames: int
     set_aside: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    buffers: tuple[str, ...] = ()
+    first: str = ""
+    gone: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -213,25 +226,28 @@ def prepare(
         If `folder` has something in it and `resume` is not set.
     OSError
         If there is not enough space, before any work is done; if the disk fills up nevertheless, or cannot be written.
-        `resume` goes on from there.
+        `resume` goes on from there. If another process of this machine uses `folder`.
     ValueError
-        If a parameter is out of range; if the folder lies in the inputs; if there are no sequences; on `resume`, if the
-        parameters or versions are others, or the manifest is damaged.
+        If a parameter is out of range; if the folder lies in the inputs; if there are no sequences, or none that can be
+        prepared; if EXR inputs have no `references` for ``"reference"``; on `resume`, if the parameters or versions are
+        others, or the manifest is damaged.
     ImportError
         If zarr, OpenEXR or distributed is needed and not installed.
 
     Warns
     -----
     UserWarning
-        If the motion of a sequence seems wrong, with the sequence's name.
+        If sequences have buffers that the first one lacks, and `buffers` is not given. With a sequence's name, if its
+        motion seems wrong, its data window moves, or its files are apart from others of their folder because their
+        numbers jump.
 
     Notes
     -----
     Every sequence is written beside its place and renamed when it is complete, with its ``manifest.json``: the SHA-256
     of every file, the names of the inputs, the windows' places, the warnings. The one in `folder` has the parameters,
     the versions, the sequences and those set aside. Neither depends on the number of processes, on interruptions, or on
-    time. A sequence is tried up to three times where the process that works on it dies. Where no sequence can be
-    prepared, nothing is written.
+    time. A sequence is tried up to three times where the process that works on it dies. All headers of a sequence are
+    read before its pixels.
     """
     folder = Path(folder)
     given = [Path(inputs)] if isinstance(inputs, str | os.PathLike) else [Path(path) for path in inputs]
@@ -248,12 +264,14 @@ def prepare(
     for path in given:
         if folder.resolve() == path.resolve() or path.resolve() in folder.resolve().parents:
             raise ValueError(f"{folder}: lies in {path}, which is read; choose a folder elsewhere")
-    if folder.is_dir() and any(folder.iterdir()) and not resume:
+    if _occupied(folder) and not resume:
         raise FileExistsError(errno.EEXIST, "exists already and is not empty; --resume goes on with it", str(folder))
     former = _former(folder) if resume else {}
     reading: dict[str, Any] = {"mapping": load(mapping) or None, "view": view}
     sources, found_aside = find_sequences(given, references)
     sources = [replace(source, reading=reading) for source in sources]
+    if references is None and "reference" in (buffers or ()) and not any(source.stores for source in sources):
+        raise ValueError("buffers: reference needs --references, a folder of the same EXR files without noise")
     known: dict[str, Known] = {}
     aside = {name: tuple(messages) for name, messages in found_aside.items()}
     for source in sources:
@@ -261,10 +279,9 @@ def prepare(
             known[source.name] = source.look()
         except Damaged as error:
             aside[source.name] = error.args
-    if buffers is None and former:
-        buffers = former["parameters"].get("buffers")
+    images, first, demand = _chosen(buffers, former, known)
     parameters = Parameters(
-        _chosen(buffers, [*known.values()]),
+        images,
         tuple(size for size in ("full", "half") if size in sizes),
         crop and (int(crop[0]), int(crop[1])),
         crops if crop else 1,
@@ -285,62 +302,84 @@ def prepare(
         if source.name not in known:
             continue
         try:
-            _check(source, known[source.name], parameters)
+            _check(source, known[source.name], parameters, demand)
         except Damaged as error:
             aside[source.name] = error.args
             continue
         tasks.append(_Task(source, known[source.name], folder.resolve(), parameters))
     if not tasks and not former:
-        return Prepared(folder, (), 0, dict(sorted(aside.items())))
-    folder.mkdir(parents=True, exist_ok=True)
-    _clear(folder)
-    done = {task.source.name: task.known.frames for task in tasks if _finished(task)}
-    waiting = [task for task in tasks if task.source.name not in done]
-    _space(folder, sum(parameters.bytes(task.known) for task in waiting))
-    if not former:
-        # Written last, as a later run is held to these parameters.
-        _write(folder / _MANIFEST, {**about, "complete": False})
-    results = _run(waiting, jobs, scheduler, done=sum(done.values()))
-    try:
-        with closing(results):
-            for result in results:
-                if result.failed:
-                    raise OSError(*result.failed)
-                if result.damaged:
-                    aside[result.name] = result.damaged
-                else:
-                    done[result.name] = result.frames
-                    for message in result.warned:
-                        warnings.warn(f"{result.name}: {message}", stacklevel=2)
-    finally:
+        (reason, *_), *others = (aside[name] for name in sorted(aside))
+        raise ValueError(f"none of {len(aside)} sequences can be prepared: {reason}" if others else reason)
+    if first and (left := _left_out(tasks, parameters, first)):
+        warnings.warn(left, stacklevel=2)
+    with _held(folder):
         _clear(folder)
-    for name in _others(folder, {source.name for source in sources}):
-        message = f"{folder / name}: of an earlier run, and not in the inputs: give them, or remove it"
-        aside.setdefault(name, (message,))
-    names = [task.source.name for task in tasks if task.source.name in done]
-    _end(folder, about, names, aside)
-    return Prepared(folder, tuple(names), sum(done.values()), dict(sorted(aside.items())))
+        done = {task.source.name: task.known.frames for task in tasks if _finished(task)}
+        waiting = [task for task in tasks if task.source.name not in done]
+        _space(folder, sum(parameters.bytes(task.known) for task in waiting))
+        if not former:
+            # Written last, as a later run is held to these parameters.
+            _write(folder / _MANIFEST, {**about, "complete": False})
+        results = _run(waiting, jobs, scheduler, done=sum(done.values()))
+        try:
+            with closing(results):
+                for result in results:
+                    if result.failed:
+                        raise OSError(*result.failed)
+                    if result.damaged:
+                        aside[result.name] = result.damaged
+                    else:
+                        done[result.name] = result.frames
+                        for message in result.warned:
+                            warnings.warn(f"{result.name}: {message}", stacklevel=2)
+        finally:
+            _clear(folder)
+        gone = [name for name in _others(folder, {source.name for source in sources}) if name not in aside]
+        for name in gone:
+            aside[name] = (f"{folder / name}: of an earlier run, and not in the inputs: give them, or remove it",)
+        names = [task.source.name for task in tasks if task.source.name in done]
+        _end(folder, about, names, aside)
+    return Prepared(
+        folder, tuple(names), sum(done.values()), dict(sorted(aside.items())), images, first, tuple(sorted(gone))
+    )
 
 
-def _chosen(buffers: Sequence[str] | None, known: list[Known]) -> tuple[str, ...]:
-    """The images to make, in the order of `CHANNELS`."""
+def _chosen(
+    buffers: Sequence[str] | None, former: dict[str, dict[str, Any]], known: dict[str, Known]
+) -> tuple[tuple[str, ...], str, str]:
+    """The images to make, in the order of `CHANNELS`; the sequence that chose them, if one did; who demands them."""
+    demand = "--buffers asks for it"
     if buffers is None:
-        first = known[0].buffers if known else frozenset({"color"})
-        return tuple(name for name in CHANNELS if needs(name, first) is None)
+        first = next(iter(known), "")
+        allowed = known[first].buffers if first else {"color"}
+        images = tuple(name for name in CHANNELS if needs(name, allowed) is None)
+        buffers = former["parameters"].get("buffers") if former else None
+        if buffers is None or list(images) == buffers:
+            return images, first, f"{first}, the first sequence, has it; --buffers chooses"
+        demand = "the set has it"
     for name in buffers:
         if name not in CHANNELS:
             raise ValueError(f"buffers: expected some of {', '.join(CHANNELS)}, got {name}")
     if not buffers:
         raise ValueError(f"buffers: expected some of {', '.join(CHANNELS)}, got none")
-    return tuple(name for name in CHANNELS if name in buffers)
+    return tuple(name for name in CHANNELS if name in buffers), "", demand
 
 
-def _check(source: Source, known: Known, parameters: Parameters) -> None:
+def _left_out(tasks: list[_Task], parameters: Parameters, first: str) -> str:
+    """A warning if sequences have buffers that the set will lack, because the first one does."""
+    others = [name for name in CHANNELS if name not in DERIVED and name not in parameters.buffers]
+    more = {task.source.name: {name for name in others if not needs(name, task.known.buffers)} for task in tasks}
+    left = [name for name in others if any(name in own for own in more.values())]
+    where = few([name for name, own in more.items() if own])
+    why = f"the images are those that {first}, the first sequence, allows; --buffers chooses"
+    return f"{where}: left out: {', '.join(left)}: {why}" if left else ""
+
+
+def _check(source: Source, known: Known, parameters: Parameters, demand: str) -> None:
     """Raise `Damaged` if a sequence lacks something."""
     for name in parameters.buffers:
         if lacks := needs(name, known.buffers):
-            of = f", which {name} is made of" if name in DERIVED else ""
-            raise Damaged(f"{source.files[0]}: {lacks}{of}")
+            raise Damaged(f"{source.files[0]}: {lacks}, but {demand}")
     for _ in parameters.groups(source.name, known):
         pass
 
@@ -357,7 +396,7 @@ def _former(folder: Path) -> dict[str, dict[str, Any]]:
     """Parameters and versions of the earlier run; empty if there was none."""
     path = folder / _MANIFEST
     if not path.exists():
-        if folder.is_dir() and any(folder.iterdir()):
+        if _occupied(folder):
             raise ValueError(f"{folder}: nothing to resume: it has no {_MANIFEST}, but other files")
         return {}
     try:
@@ -365,6 +404,43 @@ def _former(folder: Path) -> dict[str, dict[str, Any]]:
         return {kind: dict(former[kind]) for kind in ("parameters", "versions")}
     except (KeyError, TypeError, ValueError) as error:
         raise ValueError(f"{path}: truncated or corrupt: {error}; prepare into another folder") from None
+
+
+def _occupied(folder: Path) -> bool:
+    """Whether a folder has something other than what a run that was killed at once leaves there."""
+    names = [path.name for path in folder.iterdir()] if folder.is_dir() else []
+    return not all(_HALF.fullmatch(name) or _LOCK.fullmatch(name) for name in names)
+
+
+@contextmanager
+def _held(folder: Path) -> Iterator[None]:
+    """Make the set's folder, and hold it for this process; raise if another one of this machine does."""
+    own = folder / f".run.{os.getpid()}.tmp"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        # Open until the end: Windows removes no file that is, and has no other way to tell.
+        file = own.open("wb")
+    except OSError as error:
+        raise OSError(error.errno, f"cannot be written: {error.strerror}", str(folder)) from None
+    try:
+        with file:
+            # Of two runs that begin at once, at least one sees the other, as each writes its own lock first.
+            for lock in folder.iterdir():
+                if lock == own or not _LOCK.fullmatch(lock.name):
+                    continue
+                used = in_use(lock)
+                try:
+                    if not used:
+                        lock.unlink(missing_ok=True)
+                except PermissionError:
+                    used = True
+                if used:
+                    number = lock.name.split(".")[-2]
+                    used_by = f"another run, process {number}, uses it; if it does not, remove {lock.name}"
+                    raise OSError(errno.EBUSY, used_by, str(folder))
+            yield
+    finally:
+        own.unlink(missing_ok=True)
 
 
 def _others(folder: Path, known: set[str]) -> Iterator[str]:
@@ -454,7 +530,8 @@ def _flat(name: str) -> str:
 
 def _clear(folder: Path, name: str | None = None) -> None:
     """Remove what is half-written: of one sequence, or of all."""
-    for item in folder.glob(".*.tmp" if name is None else f".{escape(_flat(name))}.{'?' * 32}.tmp"):
+    half = _HALF if name is None else re.compile(rf"\.{re.escape(_flat(name))}\.[0-9a-f]{{32}}\.tmp")
+    for item in [item for item in folder.iterdir() if half.fullmatch(item.name)]:
         if item.is_dir():
             shutil.rmtree(item, ignore_errors=True)
         else:
@@ -465,9 +542,9 @@ def _fill(task: _Task, folder: Path, told: Callable[[], object]) -> tuple[str, .
     """Write the images of a sequence and its manifest; the warnings."""
     source, known, parameters = task.source, task.known, task.parameters
     groups = [*parameters.groups(source.name, known)]
+    warned = dict.fromkeys(source.inspect(parameters.buffers))
     writer = _WRITERS[parameters.format](folder, known.frames, parameters.half)
     missing: list[int] = []
-    warned: dict[str, None] = {}
     wanted = {*parameters.buffers, "depth"} if "half" in parameters.sizes else {*parameters.buffers}
     read: list[Frame] = []
     made = derive(iter(read.pop, None), wanted)

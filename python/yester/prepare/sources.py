@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -15,12 +15,16 @@ from numpy.typing import NDArray
 
 from ..frame import Frame
 from ..io import Description, describe, read_exr, sequence_paths
+from ..io.exr import without_colour
 from ..io.noisebase import layout, read_noisebase
 from ..io.shots import breaks
+from .buffers import MOVING, needs
 
-__all__ = ["Damaged", "Known", "Source", "find_sequences"]
+__all__ = ["Damaged", "Known", "Source", "few", "find_sequences"]
 
 Read = tuple[Frame, NDArray[np.float32] | None]
+#: Names in a message; of more, it has the number.
+_SHOWN = 3
 
 
 class Damaged(Exception):
@@ -53,6 +57,8 @@ class Source:
         Arguments of `read_exr`; references are read without the mapping.
     part : int
         From 2 on, the name has been made from that of a folder whose numbers jump.
+    jump : str
+        The warning that says where they do, before this part.
     """
 
     name: str
@@ -60,6 +66,7 @@ class Source:
     references: tuple[Path, ...] = ()
     reading: dict[str, Any] = field(default_factory=dict)
     part: int = 1
+    jump: str = ""
 
     @property
     def stores(self) -> bool:
@@ -97,7 +104,59 @@ class Source:
                 names |= _describe(self.files[1], self.reading).channels.keys() & {"motion"}
             return Known(len(self.files), known.height, known.width, frozenset(names))
         except (OSError, ValueError) as error:
-            raise Damaged(str(error)) from None
+            raise Damaged(_told(error)) from None
+
+    def inspect(self, buffers: Collection[str]) -> list[str]:
+        """Read the headers of all files, which takes far less time than their pixels.
+
+        Parameters
+        ----------
+        buffers : collection of str
+            The images to make, of which `look` has found that the first frames have them.
+
+        Returns
+        -------
+        list of str
+            Warnings.
+
+        Raises
+        ------
+        Damaged
+            Naming the files that cannot be read, have another size than the first one, or lack what others have.
+        """
+        try:
+            if self.stores:
+                stores = {path: layout(path) for path in self.files}
+                sizes = [(path, one.width, one.height) for path, one in stores.items()]
+                bare = [path for path, one in stores.items() if "reference" in buffers and not one.reference]
+                unlike = [(path, "no reference; other frames have one") for path in bare]
+                known = []
+            else:
+                known = [_describe(path, self.reading) for path in self.files]
+                clean = [_describe(path, self._plain) for path in self.references]
+                sizes = [(one.path, one.width, one.height) for one in [*known, *clean]]
+                unlike = [*_unlike(known, buffers)]
+        except (OSError, ValueError) as error:
+            raise Damaged(*(list(self._damaged()) or [_told(error)])) from None
+        first, *size = sizes[0]
+        wrong: dict[str, list[Path]] = {}
+        for path, width, height in sizes:
+            if [width, height] != size:
+                wrong.setdefault(f"{width} x {height}, but {first} is {size[0]} x {size[1]}", []).append(path)
+        for path, what in unlike:
+            wrong.setdefault(what, []).append(path)
+        if wrong:
+            raise Damaged(*(f"{few(paths)}: {what}" for what, paths in wrong.items()))
+        found = [self.jump] if self.jump else []
+        shifted = [
+            here.path.name
+            for before, here in pairwise(known)
+            if "motion" in here.channels and here.corner != before.corner
+        ]
+        if shifted and MOVING.intersection(buffers):
+            why = "the data window has moved since the frame before: motion must contain that shift"
+            found.append(f"{few(shifted)}: {why}")
+        return found
 
     def read(self) -> Iterator[Read]:
         """Read the frames, each with its reference if there is one.
@@ -114,7 +173,7 @@ class Source:
                 for index, path in enumerate(self.files):
                     yield _read(path, self.reading), self._reference(index)
         except (OSError, ValueError) as error:
-            raise Damaged(*dict.fromkeys([str(error), *self._damaged()])) from None
+            raise Damaged(*dict.fromkeys([_told(error), *self._damaged()])) from None
 
     def _reference(self, index: int) -> NDArray[np.float32] | None:
         return _read(self.references[index], self._plain).color if self.references else None
@@ -132,7 +191,39 @@ class Source:
                 for _ in read_noisebase(path) if self.stores else (_read(path, reading),):
                     pass
             except (OSError, ValueError) as error:
-                yield str(error)
+                yield _told(error)
+
+
+def few(names: Sequence[object]) -> str:
+    """The first ones of some names, and how many more there are."""
+    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
+    return f"{', '.join(map(str, names[:_SHOWN]))}{more}"
+
+
+def _told(error: Exception) -> str:
+    """The message of an error: of one of the system, without its number."""
+    if isinstance(error, OSError) and error.filename and error.strerror:
+        return f"{error.filename}: {error.strerror}"
+    return str(error)
+
+
+def _unlike(known: list[Description], buffers: Collection[str]) -> Iterator[tuple[Path, str]]:
+    """The frames whose buffers are others than those of earlier frames, where the images are made of them."""
+    # The denoiser takes albedo in all frames or in none.
+    denoised = "denoised" in buffers
+    albedo = "albedo" in known[0].channels
+    for before, here in pairwise([None, *known]):
+        assert here is not None
+        names = {*here.channels, "reference"}
+        if before is None:
+            names.add("motion")  # nothing leads from the first frame to an earlier one
+        elif before.camera and here.camera:
+            names.add("camera")
+        needed = [*buffers, *(["albedo"] if denoised and albedo else [])]
+        if lacks := next(filter(None, (needs(name, names) for name in needed)), None):
+            yield here.path, f"{lacks}; earlier frames have it"
+        elif denoised and not albedo and "albedo" in names:
+            yield here.path, "albedo, which earlier frames lack; denoised is made with it or without it"
 
 
 @contextmanager
@@ -146,7 +237,10 @@ def _named(path: Path) -> Iterator[None]:
 
 def _describe(path: Path, reading: dict[str, Any]) -> Description:
     with _named(path):
-        return describe(path, **reading)
+        known = describe(path, **reading)
+    if "color" not in known.channels:
+        raise without_colour(path, [*known.unused, *known.unrecognised])
+    return known
 
 
 def _read(path: Path, reading: dict[str, Any]) -> Frame:
@@ -248,17 +342,19 @@ def _shots(
     folder: Path, name: str, root: Path, references: str | os.PathLike[str] | None, aside: dict[str, list[str]]
 ) -> Iterator[Source]:
     paths = sequence_paths(folder)
-    ends = [0, *sorted(breaks(paths)), len(paths)]
+    # Of names alone, as warnings go into the set, where paths would differ from disk to disk.
+    jumps = breaks([Path(path.name) for path in paths])
+    ends = [0, *sorted(jumps), len(paths)]
     for number, (first, end) in enumerate(pairwise(ends), 1):
         files = tuple(paths[first:end])
         own = name if number == 1 else f"{name}-{number}"
         clean: tuple[Path, ...] = ()
         if references is not None:
             clean = tuple(Path(references) / path.relative_to(root) for path in files)
-            if absent := [f"{path}: no such reference" for path in clean if not path.is_file()]:
-                aside[own] = absent
+            if absent := [path for path in clean if not path.is_file()]:
+                aside[own] = [f"{few(absent)}: no such reference"]
                 continue
-        yield Source(own, files, clean, part=number)
+        yield Source(own, files, clean, part=number, jump=jumps.get(first, ""))
 
 
 def _stores(paths: list[Path], name: str, aside: dict[str, list[str]], *, inside: bool = False) -> Iterator[Source]:
@@ -268,7 +364,7 @@ def _stores(paths: list[Path], name: str, aside: dict[str, list[str]], *, inside
         try:
             single = layout(path).single
         except (OSError, ValueError) as error:
-            aside[own] = [str(error)]
+            aside[own] = [_told(error)]
             continue
         if single:
             frames.append(path)

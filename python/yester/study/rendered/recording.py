@@ -6,6 +6,7 @@ import hashlib
 import inspect
 import os
 import sys
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -199,7 +200,8 @@ def open_recording(
         The noisy EXR files: a folder, a pattern or several, as for `yester.io.sequence_paths`.
     references : path-like or iterable of path-like, optional
         The files of the references. They are matched with the frames by name, in which case some frames may lack a
-        reference; or, if no name is that of a frame, by order, in which case their numbers must be equal.
+        reference, and references of other names are not used, with a `UserWarning`; or, if no name is that of a frame,
+        by order, in which case their numbers must be equal.
     name : str, optional
         Name of the recording; by default that of the frames' folder.
     **reading
@@ -240,15 +242,18 @@ def open_recording(
 def _pair(frames: list[Path], references: list[Path]) -> dict[int, Path]:
     """Match references to frames."""
     place = {path.name: i for i, path in enumerate(frames)}
-    known = [path.name in place for path in references]
-    if len(place) == len(frames) and all(known):
-        pairs = {place[path.name]: path for path in references}
-        if len(pairs) == len(references):
-            return dict(sorted(pairs.items()))
-    # Never guess: references that are off by one frame would be worse than none.
-    if any(known) and not all(known):
-        stranger = references[known.index(False)]
-        raise ValueError(f"references: expected names of frames, or none of them, got {stranger}")
+    named = [path for path in references if path.name in place]
+    others = [path for path in references if path.name not in place]
+    pairs = {place[path.name]: path for path in named}
+    # Several takes may have the same names. They are paired by order.
+    unique = len(place) == len(frames) and len(pairs) == len(named)
+    if others and named:
+        if not unique:
+            raise ValueError(f"references: expected names of frames, or none of them, got {others[0]}")
+        more = f" and {len(others) - 1} more" if len(others) > 1 else ""
+        warnings.warn(f"{others[0]}{more}: no frame of that name: not used as a reference", UserWarning, stacklevel=3)
+    if not references or (unique and named):
+        return dict(sorted(pairs.items()))
     if len(references) != len(frames):
         raise ValueError(f"references: expected one for each of {len(frames)} frames, got {len(references)}")
     return dict(enumerate(references))

@@ -398,7 +398,10 @@ def run(
     if endurance and endurance < 100:
         raise ValueError(f"endurance: expected 0 or at least 100, got {endurance}")
     folder = Path(folder)
-    (folder / "worst").mkdir(parents=True, exist_ok=True)
+    try:
+        (folder / "worst").mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OSError(f"{folder}: cannot be written: {error.strerror}") from None
 
     trials: list[Trial] = []
     for scenario in _progress(staged, "failures"):
