@@ -22,7 +22,7 @@ use std::ops::Range;
 
 use super::fetch;
 use crate::image::{
-    BandMut, Image, Pixels, Records, SEGMENT, Size, deinterleave, interleave, segments,
+    BandMut, Image, Pixels, Records, SEGMENT, Size, View, deinterleave, interleave, segments,
 };
 use crate::kernels::fetch::footprint::Filter;
 use crate::kernels::fetch::validate::Tests;
@@ -119,12 +119,12 @@ pub fn mix(
         samples,
         black: black(exposure),
     };
-    let (mut shares, mut evidence) = (None, None);
-    let recent = (before.luminances.take()).map(|known| Reprojected::of(known.pixels(), motion));
-    if let Some(recent) = &recent {
+    let (mut shares, mut evidence, mut samples_before) = (None, None, None);
+    if let Some(luminances) = before.luminances.take() {
+        let recent = fetch(luminances.pixels(), motion, Tests::none(), Filter::Bilinear);
+        drop(luminances);
         let carried = (before.evidence).map(|known| {
-            let coverage = recent.coverage.view();
-            collocation::shares(known.pixels(), motion, coverage, collocation::SHARE)
+            collocation::shares(known.pixels(), motion, recent.1.view(), collocation::SHARE)
         });
         let (mut found, left) = carried.unzip();
         if let Some((shares, evidence)) = found.as_mut().zip(left.as_ref()) {
@@ -134,37 +134,33 @@ pub fn mix(
                 return resting;
             }
         }
+        let recent = forget(recent.0, &recent.1);
         if let Some(plane) = before.samples_before.take() {
+            let (older, coverage) = fetch(plane.pixels(), motion, Tests::none(), Filter::Bilinear);
+            let older = forget(older, &coverage);
             let compared = Compared {
                 held: &held,
                 result: Pixels::records(size, 3, shown),
-                recent,
-                older: &Reprojected::of(plane.pixels(), motion),
+                recent: recent.view(),
+                older: older.view(),
             };
             let mut sums = left.unwrap_or_else(|| collocation::nothing(size));
             collocate(&compared, exposure, &mut sums);
             evidence = Some(sums);
         }
-        shares = found;
+        let before = Pixels::from(recent.channels(0..1)).to_planes();
+        (shares, samples_before) = (found, Some(before));
     }
-    let mut samples_before = recent.as_ref().map(|_| Image::blank(size, 1));
     let mut luminances = Records::blank(size, LUMINANCES);
     let [first, second] = [0, 1].map(|c| (shares.as_ref()).map(|shares| shares.channels(c..c + 1)));
     let kernel = Mix {
         held,
         denoised,
         shares: first.zip(second).map(|(a, b)| [a, b].map(Levels)),
-        recent: recent.as_ref(),
     };
     let band = BAND * size.width;
-    let outs = (shown.chunks_mut(3 * band))
-        .zip(luminances.data_mut().chunks_mut(LUMINANCES * band))
-        .zip(rows::optional(samples_before.as_mut().map(Image::bands)))
-        .map(|((shown, luminances), samples_before)| Outs {
-            shown,
-            luminances,
-            samples_before,
-        });
+    let outs =
+        (shown.chunks_mut(3 * band)).zip(luminances.data_mut().chunks_mut(LUMINANCES * band));
     rows::run(&kernel, size.height, outs);
     Seen {
         luminances: Some(luminances),
@@ -208,25 +204,27 @@ fn agree(shares: &mut Image, smooth: bool) -> bool {
     others * FEWEST >= pixels
 }
 
-/// Luminances of the frame before, where they are in this frame.
-struct Reprojected {
-    values: Image,
-    coverage: Image,
+/// Makes pixels that are not covered NaN.
+fn forget(mut image: Image, coverage: &Image) -> Image {
+    let size = image.size;
+    rows::run(&Forget(coverage.view()), size.height, image.bands());
+    image
 }
 
-impl Reprojected {
-    fn of(values: Pixels, motion: Pixels) -> Self {
-        let (values, coverage) = fetch(values, motion, Tests::none(), Filter::Bilinear);
-        Self { values, coverage }
-    }
+struct Forget<'a>(View<'a>);
 
-    /// Writes a row; NaN where nothing is covered.
+impl<'a> Kernel for Forget<'a> {
+    type Out = BandMut<'a>;
+
     #[inline(always)]
-    fn read(&self, channel: usize, y: usize, into: &mut [f32]) {
-        let (values, covered) = (self.values.view(), self.coverage.view());
-        let known = values.row(channel, y).iter().zip(covered.row(0, y));
-        for (into, (&value, &coverage)) in into.iter_mut().zip(known) {
-            *into = if coverage > 0.0 { value } else { f32::NAN };
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut image: BandMut<'a>) {
+        for y in rows {
+            let covered = self.0.row(0, y);
+            for channel in 0..image.channels() {
+                for (value, &coverage) in image.row(channel, y).iter_mut().zip(covered) {
+                    *value = if coverage > 0.0 { *value } else { f32::NAN };
+                }
+            }
         }
     }
 }
@@ -256,8 +254,8 @@ impl Held<'_> {
 struct Compared<'a> {
     held: &'a Held<'a>,
     result: Pixels<'a>,
-    recent: &'a Reprojected,
-    older: &'a Reprojected,
+    recent: View<'a>,
+    older: View<'a>,
 }
 
 impl Luminances for Compared<'_> {
@@ -278,9 +276,9 @@ impl Luminances for Compared<'_> {
             }
         }
         for (c, row) in [recent, denoised, result].into_iter().enumerate() {
-            self.recent.read(c, y, row);
+            row.copy_from_slice(self.recent.row(c, y));
         }
-        self.older.read(0, y, older);
+        older.copy_from_slice(self.older.row(0, y));
     }
 }
 
@@ -321,31 +319,19 @@ struct Mix<'a> {
     denoised: Pixels<'a>,
     /// Of the denoised colour, and of the samples.
     shares: Option<[Levels<'a>; 2]>,
-    /// The luminances of the frame before.
-    recent: Option<&'a Reprojected>,
-}
-
-struct Outs<'a> {
-    shown: &'a mut [f32],
-    luminances: &'a mut [f32],
-    /// The luminance of the frame before's samples; NaN where they are not in this frame.
-    samples_before: Option<BandMut<'a>>,
 }
 
 impl<'a> Kernel for Mix<'a> {
-    type Out = Outs<'a>;
+    type Out = (&'a mut [f32], &'a mut [f32]);
 
     #[inline(always)]
-    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut out: Outs<'a>) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, (shown, luminances): Self::Out) {
         let Size { width, .. } = self.denoised.size;
         let [mut sample, mut denoised, mut result, mut known] = [[[0.0; SEGMENT]; 3]; 4];
         let mut levels = [[0.0; SEGMENT]; SHARES];
-        let shown = rows::lines(rows.clone(), out.shown, 3 * width);
-        let luminances = rows::lines(rows, out.luminances, LUMINANCES * width);
+        let shown = rows::lines(rows.clone(), shown, 3 * width);
+        let luminances = rows::lines(rows, luminances, LUMINANCES * width);
         for ((y, shown), (_, luminances)) in shown.zip(luminances) {
-            if let Some((recent, before)) = self.recent.zip(out.samples_before.as_mut()) {
-                recent.read(0, y, before.row(0, y));
-            }
             for run in segments(y, width) {
                 let (start, len) = (3 * run.x, 3 * run.len);
                 let shown = &mut shown[start..][..len];
