@@ -360,8 +360,8 @@ pub fn atrous_<'py>(
 /// radius : int, default 4
 ///     Radius of the window in pixels, 1 to 16.
 /// redistribute : bool, default True
-///     Spread the excess over the window's pixels of the same surface, so that the image does not darken: exactly where
-///     no surfaces are compared; where normals or depths change within the window, part of it may be lost or doubled.
+///     Spread the excess over the window's pixels of the same surface, so that the image does not darken. Without
+///     guides all of the excess is kept; where normals or depths change within the window, it may become less or more.
 /// sigma_normal, sigma_depth, sigma_plane : float, default 128.0, 0.5 and 0.05
 ///     As in `atrous`.
 /// out : tuple of (H, W, 3) and (H, W) float32 arrays, optional

@@ -38,8 +38,8 @@ use crate::pixels::PixelsMut;
 pub struct Params {
     /// How history is recalled, and how samples join it.
     pub history: history::Params,
-    /// Side of the blocks in pixels; 4 to 256. `None` stands for 16, and for 8 in frames without albedo, whose light has texture
-    /// that no feature describes.
+    /// Side of the blocks in pixels; 4 to 256. `None` stands for 16, and for 8 in frames without albedo, whose light has
+    /// texture that no feature describes.
     pub block: Option<usize>,
     /// How many features each block is fitted to.
     pub features: regress::Choice,

@@ -13,7 +13,7 @@ pub struct Noise {
 }
 
 impl Noise {
-    /// Compares the next frame's samples, best without texture, with those before. Also returns whether they have the same noise.
+    /// Compares the next frame's samples, best without texture, with those before. Also tells whether their noise is the same.
     pub fn compare(before: Option<Self>, samples: Pixels, motion: Pixels) -> (Self, bool) {
         let luminance = luminances(samples);
         let found = before.map(|before| {

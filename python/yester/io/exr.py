@@ -588,7 +588,7 @@ def describe(path: Source, *, mapping: Mapped | None = None, view: str | None = 
             for buffer, found in known.buffers.items()
         },
         corner=(int(left), int(top)),
-        whole=tuple(name for name in known.buffers if name != "ids" and contents.is_whole(name)),
+        whole=tuple(name for name in known.buffers if contents.is_whole(name)),
     )
 
 
@@ -621,10 +621,13 @@ class Contents:
         return {self.places[name][0] for name in channels}
 
     def is_whole(self, buffer: str) -> bool:
-        """Whether a buffer has whole numbers, which are neither read as ids nor converted to floats."""
+        """Whether a buffer would be read as whole numbers, where a frame has floats."""
+        # Ids are whole numbers, and these are converted, which makes floats of them.
+        converted = buffer in ("normal", "depth") or set(self.known.buffers[buffer].form.scale) - {1.0}
+        if buffer == "ids" or converted:
+            return False
         places = [self.places[name] for name in self.known.buffers[buffer].channels]
-        whole = all(self.kinds[part].get(own) == layout.UINT for part, own in places)
-        return whole and buffer not in ("normal", "depth") and set(self.known.buffers[buffer].form.scale) <= {1.0}
+        return all(self.kinds[part].get(own) == layout.UINT for part, own in places)
 
     def cameras(self) -> list[View]:
         attributes = self.attributes("worldToNDC", "worldToCamera")

@@ -3,7 +3,8 @@
 //! A renderer writes where a surface was, not where it will be. Pixel q of the next frame knows both: its surface was at
 //! p = q + m(q), at depth z(q) + m_z(q), and so moves by −m(q) from there. Every pixel is scattered to the pixel that
 //! contains p, and the nearest surface stays. Pixels that nothing reaches are not seen in the next frame, or lie in a crack
-//! where points move apart: they take the nearest surface among their neighbours' points less than a pixel away along each axis.
+//! where points move apart: they take the nearest surface among their neighbours' points less than a pixel
+//! away along each axis.
 //!
 //! That is the motion of a point somewhere in the pixel. Where it differs by at most half a pixel from the motion of a
 //! still scene, which cameras tell exactly, the latter is meant; it also holds where nothing else is known.

@@ -36,7 +36,7 @@ impl Default for Params {
 }
 
 impl Params {
-    /// The same as a constant.
+    /// The default, as a constant.
     pub const DEFAULT: Self = Self {
         factor: 2,
         levels: usize::MAX,

@@ -45,7 +45,7 @@ impl Default for Params {
 }
 
 impl Params {
-    /// The same as a constant.
+    /// The default, as a constant.
     pub const DEFAULT: Self = Self {
         tolerance: 0.1,
         reach: 0.0,

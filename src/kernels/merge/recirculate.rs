@@ -47,7 +47,7 @@ impl Default for Params {
 }
 
 impl Params {
-    /// The same as a constant.
+    /// The default, as a constant.
     pub const DEFAULT: Self = Self {
         blur: 0.25,
         share: [0.0, 1.0],

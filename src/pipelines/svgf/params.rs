@@ -113,7 +113,8 @@ impl Params {
     }
 
     /// Half resolution: frames of which a part is traced, another one each time. More noise is expected than from whole
-    /// frames, and histories to be wrong more often. `weight` and `radius` are those of [`lend`]. Gradient, reflections and innovation ask traced samples alone.
+    /// frames, and histories to be wrong more often. `weight` is what a borrowed sample counts for, `radius` how many
+    /// pixels away it may be ([`lend`]). Gradient, reflections and innovation ask traced samples alone.
     pub fn half_res(weight: f32, radius: usize) -> Self {
         let window = joint_bilateral::Params {
             radius,
