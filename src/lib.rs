@@ -62,7 +62,7 @@
 //!   merge    resample ► accumulate, blend, recirculate, resolve new samples are accumulated,
 //!            combine_histories, converge                        and both sides of time put together
 //!   smooth   suppress_fireflies, fix_history, reconstruct,      the remaining noise
-//!            estimate_variance ► atrous, regress,               is filtered in space,
+//!            estimate_variance ► atrous, regress ► restore_detail, is filtered in space,
 //!            morphological_aa, joint_bilateral_upsample,        and pixels without samples are filled
 //!            sharpen
 //!   numpy ◄─ bindings ─── views

@@ -170,6 +170,10 @@ def calls(height: int = 6, width: int = 9, seed: int = 0) -> dict[str, tuple[Cal
             yester.regress,
             {"color": color, "geometry": now["depth"], "camera": camera, "block": 8, "features": "all"},
         ),
+        "restore_detail": (
+            yester.restore_detail,
+            {"smooth": history, "noisy": color, "variance": light**2 / 4},
+        ),
         "suppress_fireflies": (yester.suppress_fireflies, {"color": color, "expected": history, **now}),
         "fix_history": (yester.fix_history, {"color": color, "history_length": length, **now}),
         "reconstruct": (yester.reconstruct, {"color": color, **now}),

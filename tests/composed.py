@@ -866,6 +866,22 @@ class HalfRes(SVGF):
         return yester.reconstruct(color, radius=self.radius, **alike), weight
 
 
+def box_sums(plane: NDArray) -> NDArray:
+    """Sums over 3×3 pixels: of rows from above, then of the middle, the right and the left column."""
+    padded = np.pad(plane.astype(np.float32), 1)
+    columns = (padded[:-2] + padded[1:-1]) + padded[2:]
+    return (columns[:, 1:-1] + columns[:, 2:]) + columns[:, :-2]
+
+
+def by_light(color: NDArray) -> NDArray:
+    """The weights of bright light in a fit."""
+    light = luminance(color)
+    seen = np.isfinite(light) & (light >= 0)
+    mean = box_sums(np.where(seen, light, 0)) / np.maximum(box_sums(seen), 1)
+    toned = 1 + mean / np.float32(2 * yester.exposure(color))
+    return 1 / (toned * toned)
+
+
 class BMFR:
     def __init__(
         self,
@@ -873,10 +889,13 @@ class BMFR:
         alpha=0.05,
         fitted_alpha=0.1,
         block=None,
+        by_light=None,
         features="fewest",
+        restore=True,
         relative_depth=0.1,
         plane_distance=0.01,
         normal_angle=25.0,
+        motion_difference=0.2,
         by_confidence=False,
         gradient=True,
         fireflies=False,
@@ -884,14 +903,14 @@ class BMFR:
         antialias=True,
     ):
         self.alpha, self.fitted_alpha = alpha, np.float32(fitted_alpha)
-        self.block, self.features = block, features
+        self.block, self.by_light, self.features = block, by_light, features
         self.limits = {
             "relative_depth": relative_depth,
             "plane_distance": plane_distance,
             "normal_angle": normal_angle,
-            "motion_difference": np.inf,
+            "motion_difference": motion_difference,
         }
-        self.gradient, self.fireflies = gradient, fireflies
+        self.gradient, self.fireflies, self.restore = gradient, fireflies, restore
         self.innovation, self.antialias = innovation, antialias
         self.by_confidence, self.same_albedo = by_confidence, False
         self.before = self.antialiased = self.evidence = self.lag = self.mixing = None
@@ -936,6 +955,8 @@ class BMFR:
         geometry = frame.depth if frame.position is None else frame.position
         if frame.position is None and frame.camera is None:
             geometry = None
+        if self.by_light or (self.by_light is None and frame.albedo is None):
+            weight = by_light(color) * (1 if weight is None else weight)
         block = self.block or (8 if frame.albedo is None else 16)
         fitted, _ = yester.regress(
             color,
@@ -949,14 +970,20 @@ class BMFR:
         )
         with np.errstate(divide="ignore", over="ignore"):
             share = np.minimum(np.maximum(1 / length, self.fitted_alpha), 1)
-        light = yester.blend(fitted, history[3], share)
+        fits = light = yester.blend(fitted, history[3], share)
+        if self.restore:
+            clipped = yester.clip_history(color, fresh, box="minmax", space="rgb", response="clamp")
+            with np.errstate(divide="ignore", invalid="ignore"):
+                variance = np.maximum(moments[..., 1] - moments[..., 0] * moments[..., 0], 0) / length
+            variance = np.where(length >= 4, variance, np.float32(np.nan))
+            light = yester.restore_detail(fits, clipped, variance, strictness=0.7)
         if self.innovation and self.before is not None:
             known = {"evidence": self.evidence, "motion": motion, "exposure": yester.exposure(color)}
             found, self.evidence = yester.innovation(fresh, light, length, **known)
-            light = correct(light, found)
+            light, fits = correct(light, found), correct(fits, found)
             color, moments = correct_history(color, moments, found)
         self.expects_replay = self.before is None or frame.replay is not None
-        self.history, self.before = [color, moments, length, light], frame
+        self.history, self.before = [color, moments, length, fits], frame
         self.age += 1
         if frame.albedo is not None:
             light = yester.remodulate(light, **texture_of(frame), emission=frame.emission)

@@ -51,6 +51,9 @@ def check_bits(frames, **named) -> None:
         {"fitted_alpha": 1.0},
         {"alpha": 0.0, "fitted_alpha": 0.0},
         {"innovation": False},
+        {"by_light": True},
+        {"restore": False},
+        {"motion_difference": np.inf},
     ],
     ids=str,
 )
@@ -65,6 +68,26 @@ def test_blocks_are_smaller_without_albedo():
     for frame in frames_of(("normal", "depth"), 10):
         assert_same_bits(usual.step(frame).color, other.step(frame).color)
     check_bits(frames_of(("normal", "depth"), 10))
+
+
+def test_bright_light_weighs_less_without_albedo():
+    """A lamp shines less far into its block; the reference says so as well."""
+    light = np.full((24, 24, 3), 0.1, np.float32)
+    light[8:10, 8:10] = 100
+    frame = yester.Frame(light)
+    named = {"block": 8, "antialias": False}
+    usual, other, uniform = (
+        yester.BMFR(**named, by_light=by_light).step(frame).color for by_light in (None, True, False)
+    )
+    assert_same_bits(usual, other)
+    far = np.s_[14:16, 14:16]
+    assert uniform[far].mean() > 5
+    assert np.allclose(usual[far], 0.1, rtol=0.5)
+    check_bits([frame, frame])
+    want = reference.BMFR(**named).step(
+        SimpleNamespace(**dict.fromkeys((*yester.frame.BUFFERS, "jitter", "camera")) | {"color": tensor(light)})
+    )
+    assert_close("BMFR by light", usual, want.color, rtol=1e-5)
 
 
 def test_albedo_that_is_no_reflectance():
@@ -95,7 +118,7 @@ def test_reference(named, newer):
     """The pipeline against its float64 composition, in which decisions may flip in a few blocks."""
     names = (*NAMES, *newer)
     bmfr, other = yester.BMFR(**named), reference.BMFR(**named)
-    absent = dict.fromkeys((*yester.frame.BUFFERS, "jitter"))
+    absent = dict.fromkeys((*yester.frame.BUFFERS, "jitter", "camera"))
     # One noise in six brings a decision about a whole region within rounding of its threshold; this one does not.
     for frame in sequence(5, seed=10):
         given = {name: frame[name] for name in ("color", *names)}

@@ -72,6 +72,7 @@ __all__ = [
     "reproject",
     "resample",
     "resolve",
+    "restore_detail",
     "settings",
     "sharpen",
     "splat",
@@ -912,7 +913,7 @@ class BMFR(Pipeline):
 
     Accumulates samples as `SVGF` does, fits the illumination of each block of pixels to its feature buffers, and
     accumulates the fits. Detail that no feature describes, such as shadow edges and reflections, is blurred within a
-    block; it returns as history averages blocks at different offsets. Buffers that a frame lacks drop out of the tests
+    block; it returns as history shows it without noise. Buffers that a frame lacks drop out of the tests
     and features. Positions are the frame's, or computed from depth and camera.
 
     Parameters
@@ -924,9 +925,17 @@ class BMFR(Pipeline):
     block : int, optional
         Side of the blocks in pixels, 4 to 256. By default 16, and 8 in frames without albedo, whose texture no feature
         tells. The paper has 32, for images of 1280×720.
+    by_light : bool, optional
+        Give pixels less weight in a fit where light is bright: ``1 / (1 + l / 2e)**2``, with l the mean luminance of
+        the accumulated light over 3×3 pixels and e its `exposure`. By default in frames without albedo, where lamps are
+        fitted together with the dark around them.
     features : {"fewest", "all"}, default "fewest"
         As in `regress`.
+    restore : bool, default True
+        Give the fits back what detail the accumulated light shows beyond its noise (`restore_detail`).
     relative_depth, plane_distance, normal_angle : float or (float, float), default 0.1, 0.01 and 25.0
+        As in `SVGF`.
+    motion_difference : float or (float, float), default 0.2
         As in `SVGF`.
     by_confidence : bool, default False
         Raise the new sample's weight where confidence in history is low: ``alpha + (1 - confidence) (1 - alpha)``.
@@ -956,10 +965,12 @@ class BMFR(Pipeline):
     The method is that of Koskela et al. [1]_. Each step consists of this package's functions and gives their bits:
     `motion_vectors`, `is_reflectance` (if there are ids), `demodulate`, `reproject` (with `consistency`),
     `light_change` (with `innovation`, without a replay), `suppress_fireflies`, `temporal_gradient`, `accumulate`,
-    `regress`, `blend`, `repetition`, `innovation`, `remodulate`, and those of `TAA`, corrected as in `SVGF`. From
-    frame to frame the grid of blocks is offset by (0, 0), (4, 4), (2, 6), (6, 2), (1, 3), (5, 7), (3, 1) and (7, 5)
-    eighths of a block. Pixels with black albedo are not fitted: they emit light or show background. The weight of the
-    N-th fit is at least 1/N.
+    `exposure` (with `by_light`), `regress`, `blend`, `clip_history` and `restore_detail`, `repetition`,
+    `innovation`, `remodulate`, and those of `TAA`, corrected as in `SVGF`. From frame to frame the grid of blocks
+    is offset by (0, 0), (4, 4), (2, 6), (6, 2), (1, 3), (5, 7), (3, 1) and (7, 5) eighths of a block. Pixels with
+    black albedo are not fitted: they emit light or show background. The weight of the N-th fit is at least 1/N.
+    Detail is restored, with a strictness of 0.7, from histories of at least four samples, clipped to the range of
+    3×3 new samples; its variance is ``(m2 - m1²) / N``.
 
     References
     ----------
@@ -985,10 +996,13 @@ class BMFR(Pipeline):
         alpha: float = 0.05,
         fitted_alpha: float = 0.1,
         block: int | None = None,
+        by_light: bool | None = None,
         features: Literal["fewest", "all"] = "fewest",
+        restore: bool = True,
         relative_depth: _Threshold = 0.1,
         plane_distance: _Threshold = 0.01,
         normal_angle: _Threshold = 25.0,
+        motion_difference: _Threshold = 0.2,
         by_confidence: bool = False,
         gradient: bool = True,
         fireflies: bool = False,
@@ -3875,6 +3889,68 @@ def atrous(
     >>> color, variance = yester.atrous(noisy, np.full((32, 32), 0.01))
     >>> bool(color.std() < noisy.std() / 5)
     True
+    """
+
+def restore_detail(
+    smooth: ArrayLike,
+    noisy: ArrayLike,
+    variance: ArrayLike,
+    *,
+    strictness: float = 1.0,
+    radius: int = 1,
+    out: _Floats | None = None,
+) -> _Floats:
+    """Restore the detail that a smooth image lacks, as far as a noisy one shows it beyond its noise.
+
+    Parameters
+    ----------
+    smooth : (H, W, 3) array_like of float
+        What a filter or a fit made of the noisy colour.
+    noisy : (H, W, 3) array_like of float
+        Unbiased, such as accumulated samples.
+    variance : (H, W) array_like of float
+        Of the noisy luminance. A pixel whose variance is negative, NaN or infinite stays smooth.
+    strictness : float, default 1.0
+        Multiple of the variance below which a difference counts as noise; at least 0. With 1, the expected squared
+        error is smallest.
+    radius : int, default 1
+        The window reaches so many pixels to each side, 0 to 16.
+    out : (H, W, 3) float32 array, optional
+        Written and returned instead of a new array; it may be an input.
+
+    Returns
+    -------
+    restored : (H, W, 3) float32
+        Between `smooth` and `noisy`; `smooth` with its bits where nothing exceeds the noise or `noisy` is missing.
+
+    Raises
+    ------
+    ValueError
+        On wrong shapes or parameters out of range.
+
+    See Also
+    --------
+    accumulate : Returns moments and history length, of which the variance of the mean follows: ``(m2 - m1²) / N``.
+    regress : Fits that lack detail.
+
+    Notes
+    -----
+    The local Wiener filter [1]_: ``smooth + g (noisy - smooth)`` with ``g = max(0, 1 - strictness * mean(variance) /
+    mean((l_noisy - l_smooth)**2))``, l the luminance, and means over the pixels of the window that have both colours
+    and a variance.
+
+    References
+    ----------
+    .. [1] J.-S. Lee, "Digital image enhancement and noise filtering by use of local statistics", IEEE Transactions on
+       Pattern Analysis and Machine Intelligence 2(2), 1980.
+
+    Examples
+    --------
+    >>> smooth, noisy = np.zeros((1, 3, 3)), np.ones((1, 3, 3))
+    >>> yester.restore_detail(smooth, noisy, np.full((1, 3), 0.25))[0, 1]
+    array([0.75, 0.75, 0.75], dtype=float32)
+    >>> yester.restore_detail(smooth, noisy, np.full((1, 3), 2.0))[0, 1]
+    array([0., 0., 0.], dtype=float32)
     """
 
 def regress(

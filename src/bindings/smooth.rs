@@ -12,6 +12,7 @@ use crate::kernels::fetch::validate::Surface;
 use crate::kernels::smooth::demodulate::{self, Texture, Way};
 use crate::kernels::smooth::guide::{Guide, Sigmas};
 use crate::kernels::smooth::reflectance::Surfaces;
+use crate::kernels::smooth::restore::{self, restore_detail};
 use crate::kernels::smooth::variance::{self, Estimate, estimate_variance};
 use crate::kernels::smooth::{atrous, fireflies, history_fix, morphological};
 use crate::pixels::PixelsMut;
@@ -151,6 +152,90 @@ pub fn estimate_variance_<'py>(
         })?
     };
     variance.array()
+}
+
+/// Restore the detail that a smooth image lacks, as far as a noisy one shows it beyond its noise.
+///
+/// Parameters
+/// ----------
+/// smooth : (H, W, 3) array_like of float
+///     What a filter or a fit made of the noisy colour.
+/// noisy : (H, W, 3) array_like of float
+///     Unbiased, such as accumulated samples.
+/// variance : (H, W) array_like of float
+///     Of the noisy luminance. A pixel whose variance is negative, NaN or infinite stays smooth.
+/// strictness : float, default 1.0
+///     Multiple of the variance below which a difference counts as noise; at least 0. With 1, the expected squared
+///     error is smallest.
+/// radius : int, default 1
+///     The window reaches so many pixels to each side, 0 to 16.
+/// out : (H, W, 3) float32 array, optional
+///     Written and returned instead of a new array; it may be an input.
+///
+/// Returns
+/// -------
+/// restored : (H, W, 3) float32
+///     Between `smooth` and `noisy`; `smooth` with its bits where nothing exceeds the noise or `noisy` is missing.
+///
+/// Raises
+/// ------
+/// ValueError
+///     On wrong shapes or parameters out of range.
+///
+/// See Also
+/// --------
+/// accumulate : Returns moments and history length, of which the variance of the mean follows: ``(m2 - m1²) / N``.
+/// regress : Fits that lack detail.
+///
+/// Notes
+/// -----
+/// The local Wiener filter [1]_: ``smooth + g (noisy - smooth)`` with ``g = max(0, 1 - strictness * mean(variance) /
+/// mean((l_noisy - l_smooth)**2))``, l the luminance, and means over the pixels of the window that have both colours
+/// and a variance.
+///
+/// References
+/// ----------
+/// .. [1] J.-S. Lee, "Digital image enhancement and noise filtering by use of local statistics", IEEE Transactions on
+///    Pattern Analysis and Machine Intelligence 2(2), 1980.
+///
+/// Examples
+/// --------
+/// >>> smooth, noisy = np.zeros((1, 3, 3)), np.ones((1, 3, 3))
+/// >>> yester.restore_detail(smooth, noisy, np.full((1, 3), 0.25))[0, 1]
+/// array([0.75, 0.75, 0.75], dtype=float32)
+/// >>> yester.restore_detail(smooth, noisy, np.full((1, 3), 2.0))[0, 1]
+/// array([0., 0., 0.], dtype=float32)
+#[pyfunction]
+#[pyo3(name = "restore_detail", signature = (smooth, noisy, variance, *, strictness=1.0, radius=1, out=None))]
+pub fn restore_detail_<'py>(
+    py: Python<'py>,
+    smooth: &Bound<'py, PyAny>,
+    noisy: &Bound<'py, PyAny>,
+    variance: &Bound<'py, PyAny>,
+    strictness: f32,
+    radius: i128,
+    out: Option<Bound<'py, PyAny>>,
+) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+    let params = restore::Params {
+        strictness,
+        radius: restore::Params::radius(radius)?,
+    };
+    params.check()?;
+    let restored = {
+        let smooth = Input::<f32>::new(smooth, "smooth", COLOR)?;
+        let size = smooth.size();
+        let noisy = Input::<f32>::new(noisy, "noisy", COLOR)?.sized("noisy", size)?;
+        let variance =
+            Input::<f32>::new(variance, "variance", Channels::One)?.sized("variance", size)?;
+        let out = Out::given(out, smooth.shape())?;
+        let [coarse, fine] = [smooth.pixels(), noisy.pixels()];
+        let variance = variance.pixels().plane();
+        out.fill(py, smooth.shape(), |restored| {
+            let restored = PixelsMut::bands(size, 3, restored);
+            restore_detail(coarse, fine, variance, params, restored);
+        })?
+    };
+    restored.array()
 }
 
 /// Smooth colour by the edge-avoiding à-trous wavelet filter, guided by variance.

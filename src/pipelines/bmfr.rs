@@ -1,7 +1,7 @@
 //! Block-wise multi-order feature regression (Koskela et al. 2019), as a list of this library's kernels:
 //!
 //!   (motion from cameras) → demodulate → (replay) → reproject → (change of light) → (suppress fireflies)
-//!     → (temporal gradient) → accumulate → regress → blend → (repetition) → (innovation) → remodulate
+//!     → (temporal gradient) → accumulate → regress → blend → (restore detail) → (repetition) → (innovation) → remodulate
 //!     → (antialias → (innovation) → (mix))
 //!
 //! The passes before `regress` are those of [`super::svgf`]; `blend` accumulates the fits, whose blocks lie elsewhere in
@@ -11,7 +11,7 @@ mod fit;
 
 use std::ops::Range;
 
-use self::fit::{accumulate_fits, fit};
+use self::fit::{accumulate_fits, fit, restored};
 use super::correction::{correct, innovate};
 use super::frame::{Frame, Motion, Output, Pipeline, Steps, Summary, Upkeep, names, show};
 use super::history;
@@ -24,6 +24,7 @@ use super::taa::{self, Denoised, Stage};
 use crate::error::{Result, from_0_to_1};
 use crate::image::{Image, Pixels, Records, View};
 use crate::kernels::camera::pinhole::Camera;
+use crate::kernels::fetch::validate;
 use crate::kernels::judge::exposure::exposure;
 use crate::kernels::judge::{gradient, innovation};
 use crate::kernels::merge::accumulate::{self, Images, Samples, accumulate};
@@ -31,6 +32,7 @@ use crate::kernels::smooth::demodulate::{Texture, Way};
 use crate::kernels::smooth::guide::Guide;
 use crate::kernels::smooth::reflectance::Surfaces;
 use crate::kernels::smooth::regress::{self, Features, Place};
+use crate::kernels::smooth::restore;
 use crate::pixels::PixelsMut;
 
 /// Parameters of [`Bmfr`].
@@ -41,8 +43,13 @@ pub struct Params {
     /// Side of the blocks in pixels; 4 to 256. `None` stands for 16, and for 8 in frames without albedo, whose light has
     /// texture that no feature describes.
     pub block: Option<usize>,
+    /// Whether bright light weighs less in a fit. `None` stands for frames without albedo, in which lamps are fitted together
+    /// with the dark around them.
+    pub by_light: Option<bool>,
     /// How many features each block is fitted to.
     pub features: regress::Choice,
+    /// What detail the fits get back from the accumulated light before they are shown.
+    pub restore: Option<restore::Params>,
     /// Least blend factor of the new fit; 0 to 1; 0.1.
     pub fitted_alpha: f32,
     /// The last pass.
@@ -55,18 +62,24 @@ pub const ESTIMATED_GRADIENT: gradient::Params = gradient::Params {
     ..history::ESTIMATED_GRADIENT
 };
 
-/// By our own measurements. History is not tested by motion: with colour and motion alone, the mean gains nothing by that test,
-/// and `switched_light` loses 0.3 dB.
+/// By our own measurements. As the output stage goes on averaging, detail may keep more of its noise than what minimises the
+/// error of a frame.
 impl Default for Params {
     fn default() -> Self {
         Self {
             history: history::Params {
                 gradient: Some(ESTIMATED_GRADIENT),
                 innovation: Some(innovation::Params::default()),
+                surface: validate::Params::default(),
                 ..history::Params::plain()
             },
             block: None,
+            by_light: None,
             features: regress::Choice::Fewest,
+            restore: Some(restore::Params {
+                strictness: 0.7,
+                ..restore::Params::default()
+            }),
             fitted_alpha: 0.1,
             antialias: Some(taa::Params::DENOISED),
         }
@@ -78,6 +91,7 @@ impl Params {
     pub fn check(&self) -> Result<()> {
         self.history.check()?;
         self.block.map(regress::Params::block).transpose()?;
+        self.restore.iter().try_for_each(restore::Params::check)?;
         self.antialias.iter().try_for_each(taa::Params::check)?;
         from_0_to_1("fitted_alpha", self.fitted_alpha)
     }
@@ -160,10 +174,15 @@ impl Steps for Bmfr {
             mixes.then(|| Noise::compare(noise, sample.pixels(), inputs.motion.pixels()));
         let (noise, repeats) = compared.unzip();
         let repeats = repeats.unwrap_or(false);
+        let mut detailed =
+            (params.restore).map(|params| restored(&history, sample.pixels(), params));
         drop((sample, past, fit));
-        let evidence = (params.history.innovation.filter(|_| !first))
-            .map(|params| inputs.correct(params, evidence.as_ref(), &mut history));
-        let light = history.channels(FITS);
+        let evidence = (params.history.innovation.filter(|_| !first)).map(|params| {
+            inputs.correct(params, evidence.as_ref(), &mut history, detailed.as_mut())
+        });
+        let light = detailed
+            .as_ref()
+            .map_or_else(|| history.channels(FITS), Image::view);
         let textured = texture.map(|texture| modulated(light.into(), texture, Way::Back));
         let color = textured.as_ref().map_or(light, Image::view);
         match &mut self.antialias {
@@ -281,22 +300,30 @@ impl<'a> Inputs<'a> {
         )
     }
 
-    /// Corrects the fits and the history by what new samples show to be wrong with the fits. Returns the evidence for the
-    /// next frame.
+    /// Corrects what is shown, the fits and the history by what new samples show to be wrong with what is shown: the fits, or
+    /// `detailed` if there is one. Returns the evidence for the next frame.
     fn correct(
         &self,
         params: innovation::Params,
         evidence: Option<&Records>,
         history: &mut Image,
+        detailed: Option<&mut Image>,
     ) -> Records {
         let size = history.size;
         let [light, length, fits] = [LIGHT, LENGTH, FITS].map(|part| history.pixels().part(part));
         let fresh = Illumination::of(self.frame.color, self.texture);
         let (motion, bright) = (self.motion.pixels(), exposure(light));
-        let (found, rest) = innovate(params, &fresh, &fits, length, motion, bright, evidence);
-        let (accumulated, fits) = history.data_mut().split_at_mut(FITS.start * size.pixels());
-        let [fits, behind] = [fits, accumulated].map(|data| PixelsMut::planar(size, data));
-        correct(&found, size, fits, Some(behind));
+        let shown = detailed.as_deref().map_or(fits, Image::pixels);
+        let (found, rest) = innovate(params, &fresh, &shown, length, motion, bright, evidence);
+        if let Some(detailed) = detailed {
+            let shown = detailed.bands().map(PixelsMut::Planar);
+            let behind = PixelsMut::planar(size, history.data_mut());
+            correct(&found, size, shown, Some(behind));
+        } else {
+            let (accumulated, fits) = history.data_mut().split_at_mut(FITS.start * size.pixels());
+            let [fits, behind] = [fits, accumulated].map(|data| PixelsMut::planar(size, data));
+            correct(&found, size, fits, Some(behind));
+        }
         rest
     }
 }

@@ -161,6 +161,12 @@ fn correct_planes<'p>(found: &[Row; 3], mut planes: impl Iterator<Item = &'p mut
             (*first, *second) = move_moments(moved, *first, *second);
         }
     }
+    let _length = planes.next();
+    for (plane, found) in planes.zip(found.iter().cycle()) {
+        for (value, &found) in plane.iter_mut().zip(found) {
+            *value = corrected(*value, found);
+        }
+    }
 }
 
 /// The moments of a luminance whose colour has moved.

@@ -43,6 +43,7 @@ from .repetition import repetition
 from .reproject import reproject
 from .resample import resample
 from .resolve import resolve
+from .restore import restore_detail
 from .sharpen import sharpen
 from .splat import splat
 from .svgf import SVGF, Output
@@ -103,6 +104,7 @@ __all__ = [
     "reproject",
     "resample",
     "resolve",
+    "restore_detail",
     "sharpen",
     "splat",
     "suppress_fireflies",

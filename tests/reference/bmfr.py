@@ -1,27 +1,41 @@
 import torch
 from torch import Tensor
+from torch.nn.functional import avg_pool2d
 
-from .accumulate import accumulate
+from .accumulate import accumulate, luminance
 from .blend import blend
 from .consistency import consistency
 from .demodulate import demodulate, remodulate, texture_of
 from .exposure import exposure
 from .gradient import temporal_gradient
 from .innovation import correct
+from .neighborhood import clip_history
 from .regress import regress
 from .reproject import reproject
+from .restore import restore_detail
 from .svgf import SVGF, Output
 from .taa import PRESETS, find_motion, find_still
 
 OFFSETS = [(0, 0), (4, 4), (2, 6), (6, 2), (1, 3), (5, 7), (3, 1), (7, 5)]
 
 
+def by_light(color: Tensor) -> Tensor:
+    """The weights of bright light in a fit, (H, W, 3) to (H, W)."""
+    light = luminance(color)  # (H, W)
+    seen = (light >= 0) & light.isfinite()  # (H, W)
+    both = torch.stack([light.where(seen, 0), seen.to(light)])  # (2, H, W)
+    total, count = avg_pool2d(both, 3, 1, 1)  # (H, W), (H, W)
+    mean = total / count.clamp(min=1 / 9)  # (H, W)
+    return (1 + mean / (2 * exposure(color))) ** -2
+
+
 class BMFR(SVGF):
     """Block-wise multi-order feature regression (Koskela et al. 2019), composed of the references."""
 
-    def __init__(self, *, fitted_alpha=0.1, block=None, features="fewest", **named):
-        super().__init__(**{"alpha": 0.05, "motion_difference": torch.inf, **named})
-        self.fitted_alpha, self.block, self.features = fitted_alpha, block, features
+    def __init__(self, *, fitted_alpha=0.1, block=None, by_light=None, features="fewest", restore=True, **named):
+        super().__init__(**{"alpha": 0.05, **named})
+        self.fitted_alpha, self.features, self.restore = fitted_alpha, features, restore
+        self.block, self.by_light = block, by_light
         self.age = 0
 
     def depth(self, frame) -> Tensor | None:
@@ -67,21 +81,30 @@ class BMFR(SVGF):
         if geometry is None and frame.camera is not None:
             geometry = frame.depth  # (H, W)
         x, y = OFFSETS[self.age % len(OFFSETS)]
+        if self.by_light or (self.by_light is None and frame.albedo is None):
+            weight = by_light(color) * (1 if weight is None else weight)  # (H, W)
         side = self.block or (8 if frame.albedo is None else 16)
         blocks = {"block": side, "offset": (x * side // 8, y * side // 8), "features": self.features}
         surface = {"normal": frame.normal, "geometry": geometry, "camera": frame.camera, "weight": weight}
         fitted, _ = regress(color, **surface, **blocks)  # (H, W, 3)
         share = (1 / length).clamp(self.fitted_alpha, 1)  # (H, W)
         smooth = blend(fitted, history[3], share)  # (H, W, 3)
-        found = self.find_innovation(fresh, smooth, length, motion, exposure(color))  # (H, W, 3)
+        shown = smooth  # (H, W, 3)
+        if self.restore:
+            clipped = clip_history(color, fresh, box="minmax", space="rgb", response="clamp")  # (H, W, 3)
+            variance = (moments[..., 1] - moments[..., 0] ** 2).clamp(min=0) / length  # (H, W)
+            variance = variance.where(length >= 4, torch.nan)  # (H, W)
+            shown = restore_detail(smooth, clipped, variance, strictness=0.7)  # (H, W, 3)
+        found = self.find_innovation(fresh, shown, length, motion, exposure(color))  # (H, W, 3)
         if found is not None:
             color, moments = correct(color, found, moments)  # (H, W, 3), (H, W, 2)
+            shown, _ = correct(shown, found)  # (H, W, 3)
             smooth, _ = correct(smooth, found)  # (H, W, 3)
         self.history, self.previous = [color, moments, length, smooth], frame
         self.age += 1
         if frame.albedo is not None:
-            smooth = remodulate(smooth, **texture_of(frame), emission=emission)  # (H, W, 3)
+            shown = remodulate(shown, **texture_of(frame), emission=emission)  # (H, W, 3)
         if self.antialias:
-            smooth = self.finish(PRESETS["denoised"], smooth, frame, motion, still)  # (H, W, 3)
-        smooth = smooth.where(smooth.isfinite(), 0)  # (H, W, 3)
-        return Output(smooth, None, length, confidence, rejection, missing)
+            shown = self.finish(PRESETS["denoised"], shown, frame, motion, still)  # (H, W, 3)
+        shown = shown.where(shown.isfinite(), 0)  # (H, W, 3)
+        return Output(shown, None, length, confidence, rejection, missing)

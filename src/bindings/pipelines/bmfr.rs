@@ -15,7 +15,7 @@ use crate::pipelines::{bmfr, history};
 ///
 /// Accumulates samples as `SVGF` does, fits the illumination of each block of pixels to its feature buffers, and
 /// accumulates the fits. Detail that no feature describes, such as shadow edges and reflections, is blurred within a
-/// block; it returns as history averages blocks at different offsets. Buffers that a frame lacks drop out of the tests
+/// block; it returns as history shows it without noise. Buffers that a frame lacks drop out of the tests
 /// and features. Positions are the frame's, or computed from depth and camera.
 ///
 /// Parameters
@@ -27,9 +27,17 @@ use crate::pipelines::{bmfr, history};
 /// block : int, optional
 ///     Side of the blocks in pixels, 4 to 256. By default 16, and 8 in frames without albedo, whose texture no feature
 ///     tells. The paper has 32, for images of 1280×720.
+/// by_light : bool, optional
+///     Give pixels less weight in a fit where light is bright: ``1 / (1 + l / 2e)**2``, with l the mean luminance of
+///     the accumulated light over 3×3 pixels and e its `exposure`. By default in frames without albedo, where lamps are
+///     fitted together with the dark around them.
 /// features : {"fewest", "all"}, default "fewest"
 ///     As in `regress`.
+/// restore : bool, default True
+///     Give the fits back what detail the accumulated light shows beyond its noise (`restore_detail`).
 /// relative_depth, plane_distance, normal_angle : float or (float, float), default 0.1, 0.01 and 25.0
+///     As in `SVGF`.
+/// motion_difference : float or (float, float), default 0.2
 ///     As in `SVGF`.
 /// by_confidence : bool, default False
 ///     Raise the new sample's weight where confidence in history is low: ``alpha + (1 - confidence) (1 - alpha)``.
@@ -59,10 +67,12 @@ use crate::pipelines::{bmfr, history};
 /// The method is that of Koskela et al. [1]_. Each step consists of this package's functions and gives their bits:
 /// `motion_vectors`, `is_reflectance` (if there are ids), `demodulate`, `reproject` (with `consistency`),
 /// `light_change` (with `innovation`, without a replay), `suppress_fireflies`, `temporal_gradient`, `accumulate`,
-/// `regress`, `blend`, `repetition`, `innovation`, `remodulate`, and those of `TAA`, corrected as in `SVGF`. From
-/// frame to frame the grid of blocks is offset by (0, 0), (4, 4), (2, 6), (6, 2), (1, 3), (5, 7), (3, 1) and (7, 5)
-/// eighths of a block. Pixels with black albedo are not fitted: they emit light or show background. The weight of the
-/// N-th fit is at least 1/N.
+/// `exposure` (with `by_light`), `regress`, `blend`, `clip_history` and `restore_detail`, `repetition`,
+/// `innovation`, `remodulate`, and those of `TAA`, corrected as in `SVGF`. From frame to frame the grid of blocks
+/// is offset by (0, 0), (4, 4), (2, 6), (6, 2), (1, 3), (5, 7), (3, 1) and (7, 5) eighths of a block. Pixels with
+/// black albedo are not fitted: they emit light or show background. The weight of the N-th fit is at least 1/N.
+/// Detail is restored, with a strictness of 0.7, from histories of at least four samples, clipped to the range of
+/// 3×3 new samples; its variance is ``(m2 - m1²) / N``.
 ///
 /// References
 /// ----------
@@ -89,22 +99,25 @@ pub struct BMFR {
 #[pymethods]
 impl BMFR {
     #[new]
-    #[pyo3(signature = (*, alpha=0.05, fitted_alpha=0.1, block=None, features="fewest", relative_depth=Threshold::hard(0.1),
-        plane_distance=Threshold::hard(0.01), normal_angle=Threshold::hard(25.0), by_confidence=false, gradient=true, fireflies=false,
-        innovation=true, antialias=true))]
+    #[pyo3(signature = (*, alpha=0.05, fitted_alpha=0.1, block=None, by_light=None, features="fewest", restore=true,
+        relative_depth=Threshold::hard(0.1), plane_distance=Threshold::hard(0.01), normal_angle=Threshold::hard(25.0),
+        motion_difference=Threshold::hard(0.2), by_confidence=false, gradient=true, fireflies=false, innovation=true, antialias=true))]
     #[pyo3(
-        text_signature = "(*, alpha=0.05, fitted_alpha=0.1, block=None, features='fewest', relative_depth=0.1, \
-        plane_distance=0.01, normal_angle=25.0, by_confidence=False, gradient=True, fireflies=False, innovation=True, \
-        antialias=True)"
+        text_signature = "(*, alpha=0.05, fitted_alpha=0.1, block=None, by_light=None, features='fewest', restore=True, \
+        relative_depth=0.1, plane_distance=0.01, normal_angle=25.0, motion_difference=0.2, by_confidence=False, gradient=True, \
+        fireflies=False, innovation=True, antialias=True)"
     )]
     fn new(
         alpha: f32,
         fitted_alpha: f32,
         block: Option<i128>,
+        by_light: Option<bool>,
         features: &str,
+        restore: bool,
         relative_depth: Threshold,
         plane_distance: Threshold,
         normal_angle: Threshold,
+        motion_difference: Threshold,
         by_confidence: bool,
         gradient: bool,
         fireflies: bool,
@@ -118,6 +131,7 @@ impl BMFR {
                     relative_depth,
                     plane_distance,
                     normal_angle,
+                    motion_difference,
                     ..default.history.surface
                 },
                 accumulate: accumulate::Params {
@@ -131,7 +145,9 @@ impl BMFR {
                 ..default.history
             },
             block: block.map(regress::Params::block).transpose()?,
+            by_light,
             features: choice("features", features, &regress::Params::FEATURES)?,
+            restore: default.restore.filter(|_| restore),
             fitted_alpha,
             antialias: default.antialias.filter(|_| antialias),
         };

@@ -1,6 +1,7 @@
 //! Combine in space.
 
 pub mod atrous;
+pub(crate) mod box_sums;
 pub mod demodulate;
 pub mod fireflies;
 pub mod guide;
@@ -10,5 +11,6 @@ pub mod lend;
 pub mod morphological;
 pub mod reflectance;
 pub mod regress;
+pub mod restore;
 pub mod sharpen;
 pub mod variance;

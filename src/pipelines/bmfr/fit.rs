@@ -3,14 +3,28 @@
 //! Blocks lie elsewhere in every frame, so that their borders average out: the N-th fit of a pixel joins those before with
 //! the blend factor max(1/N, fitted_alpha). Emitters are left out of the fits: they shine by themselves, and a block
 //! would spread their light as if it fell on its surfaces. Without albedo, light has texture that no feature
-//! describes, and smaller blocks blur less of it.
+//! describes, and smaller blocks blur less of it. Emitters cannot be told then, and are fitted together with the dark
+//! around them. Bright light therefore weighs less:
+//!   w = 1 / (1 + l / 2e)²,
+//! with l the mean luminance of the accumulated light over 3×3 pixels and e its exposure. The mean keeps bright noise from
+//! being held down by itself.
+//!
+//! What is shown is the fit with the detail restored that the accumulated light shows beyond its noise
+//! ([`restore_detail`]). Its variance is (m₂ − m₁²)/N from [`LEAST`] samples on. Before, it is clipped to the range of the new
+//! samples around it, for history may be another surface's where no buffer tells.
 
 use std::ops::Range;
 
-use super::{FITS, LENGTH, Params};
+use super::{FITS, LENGTH, LIGHT, MOMENTS, Params};
 use crate::image::{BandMut, Image, Pixels, Records, View};
+use crate::kernels::judge::exposure::exposure;
+use crate::kernels::judge::neighborhood::{self, Bounds, Response, Space, clip_history};
+use crate::kernels::judge::repetition::luminances;
 use crate::kernels::merge::blend::{self, Alpha, blend};
+use crate::kernels::smooth::box_sums::box_sums;
 use crate::kernels::smooth::regress::{self, Features, regress};
+use crate::kernels::smooth::restore::{self, restore_detail};
+use crate::math::larger;
 use crate::pixels::PixelsMut;
 use crate::rows::{self, Kernel, Simd};
 
@@ -29,6 +43,19 @@ const OFFSETS: [[i64; 2]; 8] = [
 /// An emitter is a pixel whose albedo is no larger.
 const BLACK: f32 = 1.0 / 1024.0;
 
+/// Samples from which the moments tell the variance.
+const LEAST: f32 = 4.0;
+
+/// The history is clipped to the range of 3×3 samples.
+const RANGE: neighborhood::Params = neighborhood::Params {
+    bounds: Bounds::MinMax,
+    space: Space::Rgb,
+    response: Response::Clamp,
+    gamma: 1.0,
+    radius: 1,
+    exposure: 1.0,
+};
+
 /// Fits the accumulated light; `age` counts the frames of the sequence.
 pub fn fit(
     light: Pixels,
@@ -38,9 +65,16 @@ pub fn fit(
     age: usize,
 ) -> Records {
     let size = light.size;
-    let weight = albedo.map(|albedo| {
+    let by_light = params.by_light.unwrap_or(albedo.is_none());
+    let luminance = by_light.then(|| luminances(light));
+    let weight = (by_light || albedo.is_some()).then(|| {
+        let weigh = Weigh {
+            albedo,
+            luminance: luminance.as_ref().map(Image::view),
+            bright: 2.0 * exposure(light),
+        };
         let mut weight = Image::blank(size, 1);
-        rows::run(&LeaveEmitters(albedo), size.height, weight.bands());
+        rows::run(&weigh, size.height, weight.bands());
         weight
     });
     let usual = if albedo.is_some() { 16 } else { 8 };
@@ -77,20 +111,85 @@ pub fn accumulate_fits(fit: &Records, known: &Image, least: f32, history: &mut I
     );
 }
 
-/// The regression's weights: 1, or NaN for emitters.
-struct LeaveEmitters<'a>(Pixels<'a>);
+/// The accumulated fits with the detail of the accumulated light.
+pub fn restored(history: &Image, fresh: Pixels, params: restore::Params) -> Image {
+    let size = history.size;
+    let all = history.pixels();
+    let mut noisy = Image::blank(size, 3);
+    let clipped = noisy.bands().map(PixelsMut::Planar);
+    clip_history(all.part(LIGHT), fresh, RANGE, clipped);
+    let mut variance = Image::blank(size, 1);
+    rows::run(&OfTheMean(history.view()), size.height, variance.bands());
+    let mut restored = Image::blank(size, 3);
+    let out = restored.bands().map(PixelsMut::Planar);
+    let (smooth, noisy) = (all.part(FITS), noisy.pixels());
+    restore_detail(smooth, noisy, variance.view(), params, out);
+    restored
+}
 
-impl<'a> Kernel for LeaveEmitters<'a> {
+/// Writes the variance of the accumulated luminance; NaN where history is too short to tell.
+struct OfTheMean<'a>(View<'a>);
+
+impl<'a> Kernel for OfTheMean<'a> {
     type Out = BandMut<'a>;
 
     #[inline(always)]
     fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut out: BandMut<'a>) {
-        let width = self.0.size.width;
         for y in rows {
-            for (x, weight) in out.row(0, y).iter_mut().enumerate() {
-                let [r, g, b] = self.0.vector(y * width + x);
-                let reflects = (r > BLACK) | (g > BLACK) | (b > BLACK);
-                *weight = if reflects { 1.0 } else { f32::NAN };
+            let [first, second, length] = [MOMENTS.start, MOMENTS.start + 1, LENGTH.start]
+                .map(|channel| self.0.row(channel, y));
+            for (x, variance) in out.row(0, y).iter_mut().enumerate() {
+                let one = larger(second[x] - first[x] * first[x], 0.0);
+                *variance = if length[x] >= LEAST {
+                    one / length[x]
+                } else {
+                    f32::NAN
+                };
+            }
+        }
+    }
+}
+
+/// Writes the regression's weights: NaN for emitters, and less where light is bright.
+struct Weigh<'a> {
+    albedo: Option<Pixels<'a>>,
+    /// Of the accumulated light, if bright light weighs less.
+    luminance: Option<View<'a>>,
+    /// The luminance whose weight is a quarter.
+    bright: f32,
+}
+
+impl<'a> Kernel for Weigh<'a> {
+    type Out = BandMut<'a>;
+
+    #[inline(always)]
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut out: BandMut<'a>) {
+        let width = out.row(0, rows.start).len();
+        let (mut columns, mut numbers) = (vec![], vec![0.0; width]);
+        for y in rows {
+            let weights = out.row(0, y);
+            match self.luminance {
+                Some(luminance) => {
+                    let counts = |v: f32| (0.0..f32::INFINITY).contains(&v);
+                    let positive = |v: f32| if counts(v) { v } else { 0.0 };
+                    let one = |v: f32| if counts(v) { 1.0 } else { 0.0 };
+                    box_sums(luminance, 0, y, 1, positive, &mut columns, weights);
+                    box_sums(luminance, 0, y, 1, one, &mut columns, &mut numbers);
+                    for (weight, number) in weights.iter_mut().zip(&numbers) {
+                        let mean = *weight / number.max(1.0);
+                        let toned = 1.0 + mean / self.bright;
+                        *weight = 1.0 / (toned * toned);
+                    }
+                }
+                None => weights.fill(1.0),
+            }
+            if let Some(albedo) = self.albedo {
+                let first = y * weights.len();
+                for (x, weight) in weights.iter_mut().enumerate() {
+                    let [r, g, b] = albedo.vector(first + x);
+                    let reflects = (r > BLACK) | (g > BLACK) | (b > BLACK);
+                    *weight = if reflects { *weight } else { f32::NAN };
+                }
             }
         }
     }

@@ -288,6 +288,11 @@ TASKS = (
     Task("atrous, 5 passes", "atrous", _SMOOTH, {"iterations": 5}, (), _AROUND + 5 * _pass(5)),
     Task("atrous, 5 passes, predicted", "atrous", {**_SMOOTH, "prediction": "predicted"}, {"iterations": 5}),
     Task("atrous, 5 passes of 3x3", "atrous", _SMOOTH, {"iterations": 5, "radius": 1}, (), _AROUND + 5 * _pass(3)),
+    Task(
+        "restore_detail",
+        "restore_detail",
+        {"smooth": "history", "noisy": "color", "variance": "variance"},
+    ),
     Task("reconstruct", "reconstruct", _named(*_SURFACE, color="traced")),
     Task(
         "joint_bilateral_upsample",
