@@ -923,7 +923,7 @@ class BMFR:
         if frame.albedo is not None:
             weight = np.where((frame.albedo > 1 / 1024).any(-1), np.float32(1), np.float32(np.nan))
         motion, still, gradient = find_motion(frame, self.before), find_still(frame, self.before), None
-        self.repeats = self.antialias and self.noise.repeats(sample, motion)
+        self.repeats = (self.antialias or self.restore) and self.noise.repeats(sample, motion)
         if self.before is None:
             history = [np.zeros((*shape, *channels), np.float32) for channels in ((3,), (2,), (), (3,))]
             confidence, rejection = np.zeros(shape, np.float32), np.zeros(shape, np.uint8)
@@ -971,7 +971,7 @@ class BMFR:
         with np.errstate(divide="ignore", over="ignore"):
             share = np.minimum(np.maximum(1 / length, self.fitted_alpha), 1)
         fits = light = yester.blend(fitted, history[3], share)
-        if self.restore:
+        if self.restore and not self.repeats:
             clipped = yester.clip_history(color, fresh, box="minmax", space="rgb", response="clamp")
             with np.errstate(divide="ignore", invalid="ignore"):
                 variance = np.maximum(moments[..., 1] - moments[..., 0] * moments[..., 0], 0) / length

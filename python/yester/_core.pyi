@@ -932,7 +932,8 @@ class BMFR(Pipeline):
     features : {"fewest", "all"}, default "fewest"
         As in `regress`.
     restore : bool, default True
-        Give the fits back what detail the accumulated light shows beyond its noise (`restore_detail`).
+        Give the fits back what detail the accumulated light shows beyond its noise (`restore_detail`), unless frames
+        repeat each other's noise.
     relative_depth, plane_distance, normal_angle : float or (float, float), default 0.1, 0.01 and 25.0
         As in `SVGF`.
     motion_difference : float or (float, float), default 0.2

@@ -109,7 +109,7 @@ struct State {
     memory: Memory,
     /// The innovation that was found and not corrected.
     evidence: Option<Records>,
-    /// Of the samples, if they are mixed in.
+    /// Of the samples, if they are mixed in or detail is restored.
     noise: Option<Noise>,
     /// Frames since the sequence began.
     age: usize,
@@ -170,12 +170,13 @@ impl Steps for Bmfr {
         let fit = fit(light, features, frame.albedo, params, age);
         accumulate_fits(&fit, &past.history, params.fitted_alpha, &mut history);
         let mixes = params.antialias.is_some_and(|stage| stage.choice);
-        let compared =
-            mixes.then(|| Noise::compare(noise, sample.pixels(), inputs.motion.pixels()));
+        let compared = (mixes || params.restore.is_some())
+            .then(|| Noise::compare(noise, sample.pixels(), inputs.motion.pixels()));
         let (noise, repeats) = compared.unzip();
         let repeats = repeats.unwrap_or(false);
-        let mut detailed =
-            (params.restore).map(|params| restored(&history, sample.pixels(), params));
+        // The mean of noise that repeats varies by more than its samples tell.
+        let mut detailed = (params.restore.filter(|_| !repeats))
+            .map(|params| restored(&history, sample.pixels(), params));
         drop((sample, past, fit));
         let evidence = (params.history.innovation.filter(|_| !first)).map(|params| {
             inputs.correct(params, evidence.as_ref(), &mut history, detailed.as_mut())

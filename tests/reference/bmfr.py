@@ -49,7 +49,7 @@ class BMFR(SVGF):
             weight = torch.where((frame.albedo > 1 / 1024).any(-1), 1.0, torch.nan).to(light)  # (H, W)
         motion, gradient = find_motion(frame, self.previous), None  # (H, W, 2|3)
         still = find_still(frame, self.previous)  # (H, W, 3)
-        self.repeats = self.antialias and self.noise.repeats(light, motion)
+        self.repeats = (self.antialias or self.restore) and self.noise.repeats(light, motion)
         if self.previous is None:
             flat = torch.zeros_like(light[..., 0])  # (H, W)
             history = [torch.zeros_like(light), torch.zeros_like(light[..., :2]), flat, torch.zeros_like(light)]
@@ -90,7 +90,7 @@ class BMFR(SVGF):
         share = (1 / length).clamp(self.fitted_alpha, 1)  # (H, W)
         smooth = blend(fitted, history[3], share)  # (H, W, 3)
         shown = smooth  # (H, W, 3)
-        if self.restore:
+        if self.restore and not self.repeats:
             clipped = clip_history(color, fresh, box="minmax", space="rgb", response="clamp")  # (H, W, 3)
             variance = (moments[..., 1] - moments[..., 0] ** 2).clamp(min=0) / length  # (H, W)
             variance = variance.where(length >= 4, torch.nan)  # (H, W)
