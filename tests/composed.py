@@ -975,7 +975,7 @@ class BMFR:
             clipped = yester.clip_history(color, fresh, box="minmax", space="rgb", response="clamp")
             with np.errstate(divide="ignore", invalid="ignore"):
                 variance = np.maximum(moments[..., 1] - moments[..., 0] * moments[..., 0], 0) / length
-            variance = np.where(length >= 4, variance, np.float32(np.nan))
+            variance = np.where(length >= 3.5, variance, np.float32(np.nan))
             light = yester.restore_detail(fits, clipped, variance, strictness=0.7)
         if self.innovation and self.before is not None:
             known = {"evidence": self.evidence, "motion": motion, "exposure": yester.exposure(color)}

@@ -93,7 +93,7 @@ class BMFR(SVGF):
         if self.restore and not self.repeats:
             clipped = clip_history(color, fresh, box="minmax", space="rgb", response="clamp")  # (H, W, 3)
             variance = (moments[..., 1] - moments[..., 0] ** 2).clamp(min=0) / length  # (H, W)
-            variance = variance.where(length >= 4, torch.nan)  # (H, W)
+            variance = variance.where(length >= 3.5, torch.nan)  # (H, W)
             shown = restore_detail(smooth, clipped, variance, strictness=0.7)  # (H, W, 3)
         found = self.find_innovation(fresh, shown, length, motion, exposure(color))  # (H, W, 3)
         if found is not None:

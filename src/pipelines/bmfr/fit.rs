@@ -43,8 +43,8 @@ const OFFSETS: [[i64; 2]; 8] = [
 /// An emitter is a pixel whose albedo is no larger.
 const BLACK: f32 = 1.0 / 1024.0;
 
-/// Samples from which the moments tell the variance.
-const LEAST: f32 = 4.0;
+/// Samples from which the moments tell the variance. Not a whole number, so that rounding of resampled lengths does not decide.
+const LEAST: f32 = 3.5;
 
 /// The history is clipped to the range of 3×3 samples.
 const RANGE: neighborhood::Params = neighborhood::Params {
