@@ -913,8 +913,8 @@ class BMFR(Pipeline):
 
     Accumulates samples as `SVGF` does, fits the illumination of each block of pixels to its feature buffers, and
     accumulates the fits. Detail that no feature describes, such as shadow edges and reflections, is blurred within a
-    block; it returns as history shows it without noise. Buffers that a frame lacks drop out of the tests
-    and features. Positions are the frame's, or computed from depth and camera.
+    block; it returns once enough samples are accumulated to tell it from noise. Buffers that a frame lacks drop
+    out of the tests and features. Positions are the frame's, or computed from depth and camera.
 
     Parameters
     ----------
@@ -966,12 +966,13 @@ class BMFR(Pipeline):
     The method is that of Koskela et al. [1]_. Each step consists of this package's functions and gives their bits:
     `motion_vectors`, `is_reflectance` (if there are ids), `demodulate`, `reproject` (with `consistency`),
     `light_change` (with `innovation`, without a replay), `suppress_fireflies`, `temporal_gradient`, `accumulate`,
-    `exposure` (with `by_light`), `regress`, `blend`, `clip_history` and `restore_detail`, `repetition`,
+    `exposure` (with `by_light`), `regress`, `blend`, `repetition`, `clip_history` and `restore_detail`,
     `innovation`, `remodulate`, and those of `TAA`, corrected as in `SVGF`. From frame to frame the grid of blocks
     is offset by (0, 0), (4, 4), (2, 6), (6, 2), (1, 3), (5, 7), (3, 1) and (7, 5) eighths of a block. Pixels with
     black albedo are not fitted: they emit light or show background. The weight of the N-th fit is at least 1/N.
-    Detail is restored, with a strictness of 0.7, from histories of at least four samples, clipped to the range of
-    3×3 new samples; its variance is ``(m2 - m1²) / N``.
+    Detail is restored with a strictness of 0.7. It comes from the accumulated light of histories of at least 3.5
+    samples, clipped by ``clip_history(box="minmax", space="rgb", response="clamp")`` to the new samples, and its
+    variance is ``(m2 - m1²) / N``.
 
     References
     ----------

@@ -1,7 +1,7 @@
 //! Block-wise multi-order feature regression (Koskela et al. 2019), as a list of this library's kernels:
 //!
 //!   (motion from cameras) → demodulate → (replay) → reproject → (change of light) → (suppress fireflies)
-//!     → (temporal gradient) → accumulate → regress → blend → (restore detail) → (repetition) → (innovation) → remodulate
+//!     → (temporal gradient) → accumulate → regress → blend → (repetition) → (restore detail) → (innovation) → remodulate
 //!     → (antialias → (innovation) → (mix))
 //!
 //! The passes before `regress` are those of [`super::svgf`]; `blend` accumulates the fits, whose blocks lie elsewhere in
@@ -167,7 +167,8 @@ impl Steps for Bmfr {
         let past = inputs.reproject(&params.history, memory, &sample, &mut output);
         let (mut history, missing) = merge(&params.history, &sample, &past, output.confidence);
         let light = history.pixels().part(LIGHT);
-        let fit = fit(light, features, frame.albedo, params, age);
+        let bright = exposure(light);
+        let fit = fit(light, bright, features, frame.albedo, params, age);
         accumulate_fits(&fit, &past.history, params.fitted_alpha, &mut history);
         let mixes = params.antialias.is_some_and(|stage| stage.choice);
         let compared = (mixes || params.restore.is_some())
@@ -179,7 +180,13 @@ impl Steps for Bmfr {
             .map(|params| restored(&history, sample.pixels(), params));
         drop((sample, past, fit));
         let evidence = (params.history.innovation.filter(|_| !first)).map(|params| {
-            inputs.correct(params, evidence.as_ref(), &mut history, detailed.as_mut())
+            inputs.correct(
+                params,
+                bright,
+                evidence.as_ref(),
+                &mut history,
+                detailed.as_mut(),
+            )
         });
         let light = detailed
             .as_ref()
@@ -301,19 +308,20 @@ impl<'a> Inputs<'a> {
         )
     }
 
-    /// Corrects what is shown, the fits and the history by what new samples show to be wrong with what is shown: the fits, or
-    /// `detailed` if there is one. Returns the evidence for the next frame.
+    /// Estimates from new samples what is wrong with the output, which is `detailed` or, without it, the fits. Corrects output,
+    /// fits and history by it. Returns the evidence for the next frame.
     fn correct(
         &self,
         params: innovation::Params,
+        bright: f32,
         evidence: Option<&Records>,
         history: &mut Image,
         detailed: Option<&mut Image>,
     ) -> Records {
         let size = history.size;
-        let [light, length, fits] = [LIGHT, LENGTH, FITS].map(|part| history.pixels().part(part));
+        let [length, fits] = [LENGTH, FITS].map(|part| history.pixels().part(part));
         let fresh = Illumination::of(self.frame.color, self.texture);
-        let (motion, bright) = (self.motion.pixels(), exposure(light));
+        let motion = self.motion.pixels();
         let shown = detailed.as_deref().map_or(fits, Image::pixels);
         let (found, rest) = innovate(params, &fresh, &shown, length, motion, bright, evidence);
         if let Some(detailed) = detailed {

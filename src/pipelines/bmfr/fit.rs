@@ -9,15 +9,14 @@
 //! with l the mean luminance of the accumulated light over 3×3 pixels and e its exposure. The mean keeps bright noise from
 //! being held down by itself.
 //!
-//! What is shown is the fit with the detail restored that the accumulated light shows beyond its noise
-//! ([`restore_detail`]). Its variance is (m₂ − m₁²)/N from [`LEAST`] samples on. Before, it is clipped to the range of the new
-//! samples around it, for history may be another surface's where no buffer tells.
+//! The output is the fit plus the detail by which the accumulated light differs from it beyond noise
+//! ([`restore_detail`]). The variance of the accumulated light is (m₂ − m₁²)/N, known from [`LEAST`] samples on. History is
+//! first clipped to the range of the 3×3 new samples: without guide buffers it may belong to another surface.
 
 use std::ops::Range;
 
 use super::{FITS, LENGTH, LIGHT, MOMENTS, Params};
 use crate::image::{BandMut, Image, Pixels, Records, View};
-use crate::kernels::judge::exposure::exposure;
 use crate::kernels::judge::neighborhood::{self, Bounds, Response, Space, clip_history};
 use crate::kernels::judge::repetition::luminances;
 use crate::kernels::merge::blend::{self, Alpha, blend};
@@ -56,9 +55,10 @@ const RANGE: neighborhood::Params = neighborhood::Params {
     exposure: 1.0,
 };
 
-/// Fits the accumulated light; `age` counts the frames of the sequence.
+/// Fits the accumulated light, whose exposure is `bright`; `age` counts the frames of the sequence.
 pub fn fit(
     light: Pixels,
+    bright: f32,
     features: Features,
     albedo: Option<Pixels>,
     params: &Params,
@@ -71,7 +71,7 @@ pub fn fit(
         let weigh = Weigh {
             albedo,
             luminance: luminance.as_ref().map(Image::view),
-            bright: 2.0 * exposure(light),
+            bright: 2.0 * bright,
         };
         let mut weight = Image::blank(size, 1);
         rows::run(&weigh, size.height, weight.bands());
@@ -111,7 +111,7 @@ pub fn accumulate_fits(fit: &Records, known: &Image, least: f32, history: &mut I
     );
 }
 
-/// The accumulated fits with the detail of the accumulated light.
+/// The accumulated fits, with the detail of the accumulated light restored.
 pub fn restored(history: &Image, fresh: Pixels, params: restore::Params) -> Image {
     let size = history.size;
     let all = history.pixels();
@@ -119,7 +119,11 @@ pub fn restored(history: &Image, fresh: Pixels, params: restore::Params) -> Imag
     let clipped = noisy.bands().map(PixelsMut::Planar);
     clip_history(all.part(LIGHT), fresh, RANGE, clipped);
     let mut variance = Image::blank(size, 1);
-    rows::run(&OfTheMean(history.view()), size.height, variance.bands());
+    rows::run(
+        &VarianceOfMean(history.view()),
+        size.height,
+        variance.bands(),
+    );
     let mut restored = Image::blank(size, 3);
     let out = restored.bands().map(PixelsMut::Planar);
     let (smooth, noisy) = (all.part(FITS), noisy.pixels());
@@ -128,9 +132,9 @@ pub fn restored(history: &Image, fresh: Pixels, params: restore::Params) -> Imag
 }
 
 /// Writes the variance of the accumulated luminance; NaN where history is too short to tell.
-struct OfTheMean<'a>(View<'a>);
+struct VarianceOfMean<'a>(View<'a>);
 
-impl<'a> Kernel for OfTheMean<'a> {
+impl<'a> Kernel for VarianceOfMean<'a> {
     type Out = BandMut<'a>;
 
     #[inline(always)]
