@@ -248,7 +248,19 @@ def follows(color: NDArray, old: NDArray, found: list, coverage: NDArray) -> NDA
     return (coverage > 0) & (distance(found[0]) < np.float32(0.3) * distance(old))
 
 
-def antialias(settings: dict, history, color, motion, depth, still=None, tests=None) -> tuple[list, NDArray, NDArray]:
+def shorten_others(length, old, clipped, color, bright) -> NDArray:
+    """The lengths of a history that was clipped because it is another surface's."""
+    before, light, fresh = luminance(old), luminance(clipped), luminance(color)
+    least = np.float32(bright) / np.float32(16)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        strength = 8 * (light + least) / (np.where(fresh > light, fresh, light) + least)
+        moved = strength * (np.abs(before - light) / np.maximum(np.abs(before), np.abs(light)))
+        return np.where(moved > 0, 1 / (1 / length + moved), length)
+
+
+def antialias(
+    settings: dict, history, color, motion, depth, still=None, tests=None, others=None
+) -> tuple[list, NDArray, NDArray]:
     """The history merged with one more colour: colour and length, the old history's coverage and rejection."""
     tests, change, memory = tests or {}, None, None
     if history is None:
@@ -288,6 +300,9 @@ def antialias(settings: dict, history, color, motion, depth, still=None, tests=N
     with np.errstate(divide="ignore"):
         longest = np.float32(1) / np.float32(settings["alpha"])
     length = yester.anti_lag(length, old, clipped, strength=settings["anti_lag"])
+    if others is not None and history is not None:
+        own = (np.abs(moved[..., :2] - motion[..., :2]) <= np.float32(0.05)).all(-1)
+        length = np.where(others & own, shorten_others(length, old, clipped, color, bright), length)
     if change is not None:
         square = (1 - change) * (1 - change)
         length = length * (square * square * (square * square) * square)
@@ -540,7 +555,7 @@ class SVGF:
         self.distances, self.innovation, self.antialias = reflections, innovation, antialias
         self.passes, self.stage = 3, {**PRESETS["denoised"], "choice": choice}
         self.stage["unguided_alpha"] = 0.0 if average_still else 0.5
-        self.before = self.antialiased = self.mirrored = self.evidence = self.lag = self.mixing = None
+        self.before = self.antialiased = self.mirrored = self.evidence = self.lag = self.mixing = self.trust = None
         self.chooses, self.choice, self.coherence = choice, None, coherence
         self.choice_with_albedo, self.strictness, self.fewest = True, 0.5, 2.5
         self.noise, self.repeats = Noise(), False
@@ -709,13 +724,13 @@ class SVGF:
             names = "color", "moments", "history_length"
             known = dict(zip(names, recalled, strict=True))
             return SimpleNamespace(**known, confidence=confidence, rejection=rejection, motion=seen[..., :2])
+        if later is not None:
+            confidence, rejection = np.maximum(confidence, later.confidence), rejection & later.rejection
         if self.antialias:
-            final = self.finish(self.stage, final, frame, seen, still)
+            final = self.finish(self.stage, final, frame, seen, still, confidence <= 0)
         if averages:
             final = blacken(final)
             final = yester.converge(final, *self.still, exposure=yester.exposure(final))
-        if later is not None:
-            confidence, rejection = np.maximum(confidence, later.confidence), rejection & later.rejection
         return SimpleNamespace(
             color=blacken(final),
             variance=final_variance,
@@ -727,7 +742,7 @@ class SVGF:
             missing=int((~np.isfinite(sample).all(-1)).sum()),
         )
 
-    def finish(self, stage: dict, color: NDArray, frame: yester.Frame, motion: NDArray, still) -> NDArray:
+    def finish(self, stage: dict, color: NDArray, frame: yester.Frame, motion: NDArray, still, others) -> NDArray:
         """The output stage, whose history the samples correct, too."""
         before = self.antialiased
         if self.innovation and before is not None:
@@ -737,12 +752,14 @@ class SVGF:
                 before = [before[0] * change, *before[1:]]
                 if self.mixing is not None:
                     self.mixing.scale(change)
-        self.antialiased, _, _ = antialias(for_frame(stage, frame), before, color, motion, frame.depth, still)
+        about = {"still": still, "others": others}
+        self.antialiased, _, _ = antialias(for_frame(stage, frame), before, color, motion, frame.depth, **about)
         shown, length = blacken(self.antialiased[0]), self.antialiased[1]
         exposure = yester.exposure(color)
         if self.innovation and before is not None:
             known = {"evidence": self.lag, "motion": motion, "exposure": exposure}
-            found, self.lag = yester.innovation(frame.color, shown, length, **known, strictness=12, share=0.7)
+            known |= {"strictness": 12, "share": 0.7}
+            found, self.lag = yester.innovation(weighed(frame.color, shown, self.trust), shown, length, **known)
             self.antialiased[0] = correct(self.antialiased[0], found)
             shown = correct(shown, found)
         if not stage["choice"]:
@@ -882,6 +899,11 @@ def by_light(color: NDArray) -> NDArray:
     return 1 / (toned * toned)
 
 
+def weighed(samples: NDArray, shown: NDArray, weight: NDArray | None) -> NDArray:
+    """Samples as far as their differences from what is shown count."""
+    return samples if weight is None else shown + weight[..., None] * (samples - shown)
+
+
 class BMFR:
     def __init__(
         self,
@@ -913,7 +935,7 @@ class BMFR:
         self.gradient, self.fireflies, self.restore = gradient, fireflies, restore
         self.innovation, self.antialias = innovation, antialias
         self.by_confidence, self.same_albedo = by_confidence, False
-        self.before = self.antialiased = self.evidence = self.lag = self.mixing = None
+        self.before = self.antialiased = self.evidence = self.lag = self.mixing = self.trust = None
         self.noise, self.repeats = Noise(), False
         self.age = 0
 
@@ -955,8 +977,9 @@ class BMFR:
         geometry = frame.depth if frame.position is None else frame.position
         if frame.position is None and frame.camera is None:
             geometry = None
+        self.trust = None
         if self.by_light or (self.by_light is None and frame.albedo is None):
-            weight = by_light(color) * (1 if weight is None else weight)
+            self.trust = weight = by_light(color) * (1 if weight is None else weight)
         block = self.block or (8 if frame.albedo is None else 16)
         fitted, _ = yester.regress(
             color,
@@ -979,7 +1002,7 @@ class BMFR:
             light = yester.restore_detail(fits, clipped, variance, strictness=0.7)
         if self.innovation and self.before is not None:
             known = {"evidence": self.evidence, "motion": motion, "exposure": yester.exposure(color)}
-            found, self.evidence = yester.innovation(fresh, light, length, **known)
+            found, self.evidence = yester.innovation(weighed(fresh, light, self.trust), light, length, **known)
             light, fits = correct(light, found), correct(fits, found)
             color, moments = correct_history(color, moments, found)
         self.expects_replay = self.before is None or frame.replay is not None
@@ -988,7 +1011,7 @@ class BMFR:
         if frame.albedo is not None:
             light = yester.remodulate(light, **texture_of(frame), emission=frame.emission)
         if self.antialias:
-            light = SVGF.finish(self, PRESETS["denoised"], light, frame, motion, still)
+            light = SVGF.finish(self, PRESETS["denoised"], light, frame, motion, still, confidence <= 0)
         return SimpleNamespace(
             color=blacken(light),
             history_length=length,

@@ -104,7 +104,8 @@ def forward(output, frame: Frame):
 def finish(stage: yester.TAA, output, frame: Frame, motion):
     """The output stage on a denoised frame."""
     places = {name: getattr(frame, name) for name in ("depth", "position", "normal", "camera", "jitter")}
-    return stage.step(Frame(output.color, motion=motion, **places), samples=frame.color)
+    known = {"samples": frame.color, "confidence": output.confidence}
+    return stage.step(Frame(output.color, motion=motion, **places), **known)
 
 
 def average(one, other) -> SimpleNamespace:

@@ -554,6 +554,34 @@ def test_samples_of_a_denoised_frame():
     assert means[-1] > 0.8
 
 
+def test_history_of_other_surfaces():
+    """History that has to be clipped where the denoiser had none is dropped, but not for one sample of a lamp."""
+    before, now = np.full((5, 7, 3), 0.9, np.float32), np.full((5, 7, 3), 0.1, np.float32)
+    now[2, 1] = 20
+    known = np.ones((5, 7), np.float32)
+    known[:, :4] = 0
+    shown = {}
+    for name, confidence in (("all known", np.ones((5, 7))), ("some unknown", known)):
+        stage = yester.TAA("denoised", choice=False)
+        for image in (before, before, before, now):
+            output = stage.step(yester.Frame(image), samples=image, confidence=confidence)
+        shown[name] = output
+    ages, usual = (shown[name].history_length for name in ("some unknown", "all known"))
+    np.testing.assert_array_equal(ages[:, 4:], usual[:, 4:])
+    assert (ages[:, 3] < 1.2).all(), "history of 0.9 is clipped to 0.1"
+    assert (usual == 4).all()
+    assert ages[2, 1] > 3.8
+
+
+@pytest.mark.parametrize("confidence", [np.ones((4, 5)), np.ones((4, 4, 3))])
+def test_bad_confidence(confidence):
+    frame = yester.Frame(np.ones((4, 4, 3)))
+    with pytest.raises(ValueError, match="confidence: expected"):
+        yester.TAA().step(frame, samples=frame.color, confidence=confidence)
+    with pytest.raises(ValueError, match="confidence: needs samples as well"):
+        yester.TAA().step(frame, confidence=np.ones((4, 4)))
+
+
 @pytest.mark.parametrize(
     ("samples", "error", "message"),
     [

@@ -928,7 +928,8 @@ class BMFR(Pipeline):
     by_light : bool, optional
         Give pixels less weight in a fit where light is bright: ``1 / (1 + l / 2e)**2``, with l the mean luminance of
         the accumulated light over 3×3 pixels and e its `exposure`. By default in frames without albedo, where lamps are
-        fitted together with the dark around them.
+        fitted together with the dark around them. The differences by which new samples correct the output have the
+        same weights.
     features : {"fewest", "all"}, default "fewest"
         As in `regress`.
     restore : bool, default True
@@ -1184,7 +1185,14 @@ class TAA(Pipeline):
         innovation: bool = False,
         choice: bool | None = None,
     ) -> Self: ...
-    def step(self, frame: Frame, out: Output | None = None, *, samples: ArrayLike | None = None) -> Output:
+    def step(
+        self,
+        frame: Frame,
+        out: Output | None = None,
+        *,
+        samples: ArrayLike | None = None,
+        confidence: ArrayLike | None = None,
+    ) -> Output:
         """Apply antialiasing to the next frame of the sequence.
 
         Parameters
@@ -1200,6 +1208,11 @@ class TAA(Pipeline):
             the history, too, as in the last stage of a denoiser; and history is first multiplied by the `light_change`
             from it, fetched bilinearly without tests or fallback, to the samples. Missing ones are NaN. Denoised colour
             is not resolved by its `jitter`.
+        confidence : (H, W) array_like of float, optional
+            With `samples`: the denoiser's. Where it is 0, that found no history of the surface; history that has to be
+            clipped there, and is not fetched along the motion of a neighbour, is another surface's. It is shortened, as
+            by `anti_lag` with a strength of ``8 (k + e) / (max(k, c) + e)``, with k and c the luminances of the clipped
+            history and of the denoised colour, and e a sixteenth of the exposure.
 
         Returns
         -------
@@ -1209,7 +1222,8 @@ class TAA(Pipeline):
         Raises
         ------
         ValueError
-            If the size changes without `reset` in between; if `out` or `samples` do not fit.
+            If the size changes without `reset` in between; if `out`, `samples` or `confidence` do not fit; if there is
+            `confidence` without `samples`.
         """
     def reset(self) -> None:
         """Discard all history; the next frame starts a new sequence."""

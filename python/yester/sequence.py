@@ -40,7 +40,7 @@ class _Steps(Protocol):
 class _Stage(Protocol):
     """The output stage of such a pipeline."""
 
-    def step(self, frame: Frame, /, *, samples: NDArray[np.float32]) -> Output: ...
+    def step(self, frame: Frame, /, *, samples: NDArray[np.float32], confidence: NDArray[np.float32]) -> Output: ...
 
 
 @runtime_checkable
@@ -291,7 +291,7 @@ def _averaged(frames: Iterator[Frame], pipeline: _Steps, lookahead: int) -> Iter
 def _finished(
     joined: Iterator[tuple[Frame, Output, History | None]], stage: _Stage, lookahead: int, guides: Iterable[str]
 ) -> Iterator[Output]:
-    """Yield the outputs with colours from the output stage, which also gets the samples and these guides."""
+    """Yield the outputs with colours from the output stage, which also gets samples, confidence and these guides."""
 
     def shown() -> Iterator[tuple[Frame, NDArray[np.float32], Output]]:
         for frame, output, later in joined:
@@ -302,15 +302,18 @@ def _finished(
             places |= {name: getattr(frame, name) for name in guides}
             yield Frame(output.color, **places, camera=frame.camera), frame.color, output
 
-    def look(samples: list[NDArray[np.float32]], back: _Stage, frame: Frame, number: int) -> Output:
-        return back.step(frame, samples=samples[number])
+    def look(
+        window: list[tuple[Frame, NDArray[np.float32], Output]], back: _Stage, frame: Frame, number: int
+    ) -> Output:
+        _, samples, output = window[number]
+        return back.step(frame, samples=samples, confidence=output.confidence)
 
     for window, ready in _chunks(shown(), lookahead, lambda item: _alone(item[0])):
-        samples = [noisy for _, noisy, _ in window]
-        results = _backwards([frame for frame, _, _ in window], stage, partial(look, samples))
+        results = _backwards([frame for frame, _, _ in window], stage, partial(look, window))
         del results[: len(window) - ready]
         for frame, noisy, output in window[:ready]:
-            finished, backward = stage.step(frame, samples=noisy), results.pop()
+            finished = stage.step(frame, samples=noisy, confidence=output.confidence)
+            backward = results.pop()
             if backward is not None:
                 finished = _average(finished, backward)
             yield Output(

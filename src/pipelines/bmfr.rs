@@ -11,8 +11,8 @@ mod fit;
 
 use std::ops::Range;
 
-use self::fit::{accumulate_fits, fit, restored};
-use super::correction::{correct, innovate};
+use self::fit::{accumulate_fits, fit, restored, weigh};
+use super::correction::{Weighed, correct, innovate};
 use super::frame::{Frame, Motion, Output, Pipeline, Steps, Summary, Upkeep, names, show};
 use super::history;
 use super::illumination::{
@@ -20,11 +20,11 @@ use super::illumination::{
 };
 use super::recall::{self, Memory, Recalled};
 use super::repetition::Noise;
-use super::taa::{self, Denoised, Stage};
+use super::taa::{self, Denoised, Others, Stage};
 use crate::error::{Result, from_0_to_1};
 use crate::image::{Image, Pixels, Records, View};
 use crate::kernels::camera::pinhole::Camera;
-use crate::kernels::fetch::validate;
+use crate::kernels::fetch::validate::{self, Tests};
 use crate::kernels::judge::exposure::exposure;
 use crate::kernels::judge::{gradient, innovation};
 use crate::kernels::merge::accumulate::{self, Images, Samples, accumulate};
@@ -43,8 +43,8 @@ pub struct Params {
     /// Side of the blocks in pixels; 4 to 256. `None` stands for 16, and for 8 in frames without albedo, whose light has
     /// texture that no feature describes.
     pub block: Option<usize>,
-    /// Whether bright light weighs less in a fit. `None` stands for frames without albedo, in which lamps are fitted together
-    /// with the dark around them.
+    /// Whether bright light weighs less in a fit, and in what new samples correct. `None` stands for frames without albedo, in
+    /// which lamps are fitted together with the dark around them.
     pub by_light: Option<bool>,
     /// How many features each block is fitted to.
     pub features: regress::Choice,
@@ -87,6 +87,12 @@ impl Default for Params {
 }
 
 impl Params {
+    /// Side of the blocks of a frame's fits.
+    fn block_of(&self, frame: &Frame) -> usize {
+        let usual = if frame.albedo.is_some() { 16 } else { 8 };
+        self.block.unwrap_or(usual)
+    }
+
     /// An error if a parameter is out of range.
     pub fn check(&self) -> Result<()> {
         self.history.check()?;
@@ -168,7 +174,17 @@ impl Steps for Bmfr {
         let (mut history, missing) = merge(&params.history, &sample, &past, output.confidence);
         let light = history.pixels().part(LIGHT);
         let bright = exposure(light);
-        let fit = fit(light, bright, features, frame.albedo, params, age);
+        let by_light = params.by_light.unwrap_or(frame.albedo.is_none());
+        let weight = weigh(light, bright, frame.albedo, by_light);
+        let fit = fit(
+            light,
+            features,
+            weight.as_ref().map(Image::pixels),
+            params.features,
+            params.block_of(frame),
+            age,
+        );
+        let trust = weight.as_ref().filter(|_| by_light).map(Image::view);
         accumulate_fits(&fit, &past.history, params.fitted_alpha, &mut history);
         let mixes = params.antialias.is_some_and(|stage| stage.choice);
         let compared = (mixes || params.restore.is_some())
@@ -183,6 +199,7 @@ impl Steps for Bmfr {
             inputs.correct(
                 params,
                 bright,
+                trust,
                 evidence.as_ref(),
                 &mut history,
                 detailed.as_mut(),
@@ -198,8 +215,13 @@ impl Steps for Bmfr {
                 let denoised = Denoised {
                     color: color.into(),
                     corrects: params.history.innovation.is_some(),
+                    weight: trust,
                     repeats,
-                    tested: None,
+                    others: Others {
+                        tests: Tests::none(),
+                        report: None,
+                        confidence: Some(View::new(color.size, 1, output.confidence)),
+                    },
                 };
                 let (before, motion) = (inputs.before.as_ref(), inputs.motion.pixels());
                 stage.show(frame, before, motion, denoised, output.color);
@@ -309,20 +331,27 @@ impl<'a> Inputs<'a> {
     }
 
     /// Estimates from new samples what is wrong with the output, which is `detailed` or, without it, the fits. Corrects output,
-    /// fits and history by it. Returns the evidence for the next frame.
+    /// fits and history by it. Samples count by their weights in the fits, if light has a part in these. Returns the evidence
+    /// for the next frame.
     fn correct(
         &self,
         params: innovation::Params,
         bright: f32,
+        weight: Option<View>,
         evidence: Option<&Records>,
         history: &mut Image,
         detailed: Option<&mut Image>,
     ) -> Records {
         let size = history.size;
         let [length, fits] = [LENGTH, FITS].map(|part| history.pixels().part(part));
-        let fresh = Illumination::of(self.frame.color, self.texture);
+        let samples = Illumination::of(self.frame.color, self.texture);
         let motion = self.motion.pixels();
         let shown = detailed.as_deref().map_or(fits, Image::pixels);
+        let fresh = Weighed {
+            samples: &samples,
+            prediction: &shown,
+            weight,
+        };
         let (found, rest) = innovate(params, &fresh, &shown, length, motion, bright, evidence);
         if let Some(detailed) = detailed {
             let shown = detailed.bands().map(PixelsMut::Planar);

@@ -3,7 +3,7 @@
 
 use std::ops::Range;
 
-use crate::image::{Pixels, Records, Run, SEGMENT, Size, segments};
+use crate::image::{Pixels, Records, Run, SEGMENT, Size, View, segments};
 use crate::kernels::judge::innovation::{self, Innovation, corrected, innovation};
 use crate::math::luminance;
 use crate::pixels::{Colors, PixelsMut, Row};
@@ -24,6 +24,32 @@ pub fn innovate(
         motion: Some(motion),
     });
     innovation(fresh, prediction, length, known, exposure, params)
+}
+
+/// Samples whose differences from a prediction count by their weights only: they are moved towards it.
+pub struct Weighed<'a, C, P> {
+    pub samples: &'a C,
+    pub prediction: &'a P,
+    /// 0 to 1, or NaN for samples that do not count at all. Without weights all count wholly.
+    pub weight: Option<View<'a>>,
+}
+
+impl<C: Colors, P: Colors> Colors for Weighed<'_, C, P> {
+    #[inline(always)]
+    fn colors(&self, run: Run, into: &mut [Row; 3]) {
+        self.samples.colors(run, into);
+        let Some(weight) = self.weight else {
+            return;
+        };
+        let weight = &weight.row(0, run.y)[run.x..][..run.len];
+        let mut predicted = [[0.0; SEGMENT]; 3];
+        self.prediction.colors(run, &mut predicted);
+        for (sample, predicted) in into.iter_mut().zip(&predicted) {
+            for ((sample, predicted), weight) in sample.iter_mut().zip(predicted).zip(weight) {
+                *sample = predicted + weight * (*sample - predicted);
+            }
+        }
+    }
 }
 
 /// The factor of a channel of history if its light changes by this one: colour, moments of luminance, length, and what comes

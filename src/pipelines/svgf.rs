@@ -387,6 +387,7 @@ fn run(
         &mut history,
         light.as_mut(),
         stage.map(|stage| (stage, followed)),
+        View::new(now.size(), 1, reports.confidence),
         shown.as_mut(),
     );
     if let Some((still, shown)) = still.as_ref().zip(shown) {

@@ -19,13 +19,13 @@ use std::ops::Range;
 use self::mix::{Seen, mix};
 pub use self::params::{Limits, Params};
 use self::sweep::Sweep;
-use super::correction::{correct, innovate, scale};
+use super::correction::{Weighed, correct, innovate, scale};
 use super::frame::{
     Frame, Mistake, Output, Pipeline, Report, Steps, Summary, SurfaceRecords, Upkeep, check_size,
 };
 use super::repetition::Noise;
 use crate::error::{Error, Result};
-use crate::image::{Image, Pixels, Records};
+use crate::image::{Image, Pixels, Records, View};
 use crate::kernels::camera::dilate::{Choice, dilate};
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::fetch::footprint::Filter;
@@ -81,10 +81,20 @@ pub(crate) struct Denoised<'a> {
     pub color: Pixels<'a>,
     /// Whether the samples correct the result.
     pub corrects: bool,
+    /// By how much of its difference from the result each sample counts then, if not all count wholly.
+    pub weight: Option<View<'a>>,
     /// Whether the noise of the samples repeats, so that they are not mixed in.
     pub repeats: bool,
-    /// Tests that history must pass, and where to report on them.
-    pub tested: Option<(Tests<'a>, Vec<Report<'a>>)>,
+    pub others: Others<'a>,
+}
+
+/// How the history of other surfaces is told.
+pub(crate) struct Others<'a> {
+    /// Tests that history must pass.
+    pub tests: Tests<'a>,
+    pub report: Option<Vec<Report<'a>>>,
+    /// That of the denoiser, if it is known: 0 where it found no history of the surface. What has to be clipped there is shortened.
+    pub confidence: Option<View<'a>>,
 }
 
 impl Stage {
@@ -112,8 +122,9 @@ impl Stage {
         let Denoised {
             color,
             corrects,
+            weight,
             repeats,
-            tested,
+            others,
         } = denoised;
         let depth = frame.surface.depth.map(Pixels::plane);
         let still = self.still(frame, before);
@@ -124,10 +135,11 @@ impl Stage {
             self.follow_light(frame.color, motion);
         }
         let bright = exposure(color);
-        let missing = self.step(params.exposed(bright), color, motion, choice, out, tested);
+        let params = params.exposed(bright);
+        let missing = self.step(params, color, motion, choice, out, others);
         drop(still);
         let correction = corrects.then_some(AFTER_DENOISER);
-        self.correct(correction, frame.color, motion, bright, shown);
+        self.correct(correction, frame.color, weight, motion, bright, shown);
         let noise = mix::SampleNoise {
             repeats,
             jittered: frame.jitter.is_some(),
@@ -161,7 +173,7 @@ impl Stage {
     }
 
     /// Merges a colour into the history, and makes pixels black that no frame had a sample for. `choice` is that of the
-    /// dilation; `tested` are the surface tests, and where to report on them. Returns the number of missing samples.
+    /// dilation. Returns the number of missing samples.
     fn step<'a>(
         &mut self,
         params: Params,
@@ -169,11 +181,14 @@ impl Stage {
         motion: Pixels<'a>,
         choice: Choice<'a>,
         merged: impl Iterator<Item = PixelsMut<'a>>,
-        tested: Option<(Tests<'a>, Vec<Report>)>,
+        others: Others<'a>,
     ) -> usize {
         let before = self.history.take();
-        let (tests, report) = tested.unzip();
-        let tests = tests.unwrap_or_else(Tests::none);
+        let Others {
+            tests,
+            report,
+            confidence,
+        } = others;
 
         let dilation = (params.dilation()).filter(|_| params.gradient || params.alternation);
         let dilated = dilation.map(|dilation| dilate(motion, choice, dilation));
@@ -204,6 +219,7 @@ impl Stage {
             }),
             gradient: gradient.as_ref().map(Image::view),
             returns: (alternation.as_ref()).map(|memory| memory.pixels().part(RETURNS)),
+            confidence,
         };
         let (merged, missing) = sweep.run(merged, report);
         let first = before.is_none();
@@ -239,7 +255,8 @@ impl Stage {
     fn correct(
         &mut self,
         params: Option<innovation::Params>,
-        fresh: Pixels,
+        samples: Pixels,
+        weight: Option<View>,
         motion: Pixels,
         exposure: f32,
         shown: &mut [f32],
@@ -250,10 +267,15 @@ impl Stage {
         if history.first {
             return;
         }
-        let size = fresh.size;
+        let size = samples.size;
         let color = Pixels::records(size, 3, shown);
         let length = history.merged.pixels().part(3..4);
         let evidence = history.evidence.as_ref();
+        let fresh = Weighed {
+            samples: &samples,
+            prediction: &color,
+            weight,
+        };
         let (found, rest) = innovate(params, &fresh, &color, length, motion, exposure, evidence);
         let behind = (params.fed_back)
             .then(|| PixelsMut::bands(size, sweep::CHANNELS, history.merged.data_mut()));
@@ -321,28 +343,44 @@ impl Taa {
     }
 }
 
+/// What a frame's colour was denoised from.
+#[derive(Clone, Copy)]
+pub struct Source<'a> {
+    /// The samples, 3 channels.
+    pub samples: Pixels<'a>,
+    /// 0 where the denoiser found no history of the surface.
+    pub confidence: Option<View<'a>>,
+}
+
 impl Taa {
     /// As [`Pipeline::step`], for a frame whose colour is denoised: with [`Params::innovation`], the samples that it was made
-    /// of correct the result and the history.
+    /// of correct the result and the history. History that has to be clipped where the denoiser had none is shortened.
     ///
     /// # Errors
-    /// As `step`, and if the samples have another size or not 3 channels.
+    /// As `step`, and if the source has another size or its samples not 3 channels.
     pub fn step_denoised(
         &mut self,
         frame: &Frame,
-        samples: Pixels,
+        source: Source,
         output: Output,
     ) -> Result<(Summary, Option<Mistake>)> {
         self.checked(frame, |pipeline, frame| {
             let size = frame.color.size;
             output.check(size, pipeline.extras())?;
+            let Source {
+                samples,
+                confidence,
+            } = source;
             if samples.size != size {
                 return Err(Error::value("samples", size, samples.size));
+            }
+            if let Some(confidence) = confidence.filter(|image| image.size != size) {
+                return Err(Error::value("confidence", size, confidence.size));
             }
             if samples.channels != 3 {
                 return Err(Error::value("samples", "3 channels", samples.channels));
             }
-            pipeline.advance(frame, Some(samples), output)
+            pipeline.advance(frame, Some(source), output)
         })
     }
 }
@@ -368,7 +406,7 @@ impl Taa {
     fn advance(
         &mut self,
         frame: &Frame,
-        samples: Option<Pixels>,
+        source: Option<Source>,
         mut output: Output,
     ) -> Result<Summary> {
         let (size, params) = (frame.color.size, self.stage.params);
@@ -379,7 +417,7 @@ impl Taa {
         let noise = before.as_mut().and_then(|before| before.noise.take());
         let mut used = vec![];
         // What is denoised is smooth, and no sample of one place.
-        let filter = params.reconstruct.filter(|_| samples.is_none());
+        let filter = params.reconstruct.filter(|_| source.is_none());
         let resolved = resolve_jitter(frame, filter, &mut used);
         let color = (resolved.as_ref()).map_or(frame.color, |(image, _)| image.pixels());
         let camera = before.as_ref().and_then(|before| before.camera.as_ref());
@@ -389,21 +427,30 @@ impl Taa {
         let tests = (params.limits).tests(frame.surface, surface.unwrap_or_default(), rays);
         let depth = frame.surface.depth.filter(|_| params.dilate.is_some());
         used.extend(list_used(&tests, depth.is_some()));
-        let compared = (samples.filter(|_| params.choice))
-            .map(|samples| Noise::compare(noise, samples, motion.pixels()));
+        let compared = (source.filter(|_| params.choice))
+            .map(|source| Noise::compare(noise, source.samples, motion.pixels()));
         let (noise, repeats) = compared.unzip();
         let repeats = repeats.unwrap_or(false);
         let (shown, report) = output.parts(size);
-        let (motion, tested) = (motion.pixels(), Some((tests, report)));
-        let missing = match samples {
-            Some(color) => {
+        let motion = motion.pixels();
+        let others = Others {
+            tests,
+            report: Some(report),
+            confidence: source.and_then(|source| source.confidence),
+        };
+        let missing = match source {
+            Some(source) => {
                 let denoised = Denoised {
                     color: frame.color,
                     corrects: params.innovation.is_some(),
+                    weight: None,
                     repeats,
-                    tested,
+                    others,
                 };
-                let frame = Frame { color, ..*frame };
+                let frame = Frame {
+                    color: source.samples,
+                    ..*frame
+                };
                 (self.stage).show(&frame, camera, motion, denoised, shown)
             }
             None => {
@@ -413,8 +460,8 @@ impl Taa {
                 let params = params.of(frame);
                 let bright = params.exposure(color);
                 let params = params.exposed(bright);
-                let missing = (self.stage).step(params, color, motion, choice, out, tested);
-                (self.stage).correct(params.innovation, frame.color, motion, bright, shown);
+                let missing = (self.stage).step(params, color, motion, choice, out, others);
+                (self.stage).correct(params.innovation, frame.color, None, motion, bright, shown);
                 missing
             }
         };

@@ -8,7 +8,7 @@ from .consistency import consistency
 from .demodulate import demodulate, remodulate, texture_of
 from .exposure import exposure
 from .gradient import temporal_gradient
-from .innovation import correct
+from .innovation import correct, weighed
 from .neighborhood import clip_history
 from .regress import regress
 from .reproject import reproject
@@ -81,8 +81,9 @@ class BMFR(SVGF):
         if geometry is None and frame.camera is not None:
             geometry = frame.depth  # (H, W)
         x, y = OFFSETS[self.age % len(OFFSETS)]
+        bright = None
         if self.by_light or (self.by_light is None and frame.albedo is None):
-            weight = by_light(color) * (1 if weight is None else weight)  # (H, W)
+            bright = weight = by_light(color) * (1 if weight is None else weight)  # (H, W)
         side = self.block or (8 if frame.albedo is None else 16)
         blocks = {"block": side, "offset": (x * side // 8, y * side // 8), "features": self.features}
         surface = {"normal": frame.normal, "geometry": geometry, "camera": frame.camera, "weight": weight}
@@ -95,7 +96,8 @@ class BMFR(SVGF):
             variance = (moments[..., 1] - moments[..., 0] ** 2).clamp(min=0) / length  # (H, W)
             variance = variance.where(length >= 3.5, torch.nan)  # (H, W)
             shown = restore_detail(smooth, clipped, variance, strictness=0.7)  # (H, W, 3)
-        found = self.find_innovation(fresh, shown, length, motion, exposure(color))  # (H, W, 3)
+        counts = weighed(fresh, shown, bright)  # (H, W, 3)
+        found = self.find_innovation(counts, shown, length, motion, exposure(color))  # (H, W, 3)
         if found is not None:
             color, moments = correct(color, found, moments)  # (H, W, 3), (H, W, 2)
             shown, _ = correct(shown, found)  # (H, W, 3)
@@ -105,6 +107,6 @@ class BMFR(SVGF):
         if frame.albedo is not None:
             shown = remodulate(shown, **texture_of(frame), emission=emission)  # (H, W, 3)
         if self.antialias:
-            shown = self.finish(PRESETS["denoised"], shown, frame, motion, still)  # (H, W, 3)
+            shown = self.finish(PRESETS["denoised"], shown, frame, motion, still, confidence <= 0, bright)
         shown = shown.where(shown.isfinite(), 0)  # (H, W, 3)
         return Output(shown, None, length, confidence, rejection, missing)

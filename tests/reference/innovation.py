@@ -156,6 +156,11 @@ def innovation(
     return correction, torch.cat([left, variance.where(some > 0, torch.nan)], -1)
 
 
+def weighed(color: Tensor, prediction: Tensor, weight: Tensor | None) -> Tensor:
+    """New samples (H, W, 3) of which each counts for its weight (H, W); all alike without weights."""
+    return color if weight is None else prediction + weight[..., None] * (color - prediction)
+
+
 def correct(light: Tensor, found: Tensor, moments: Tensor | None = None) -> tuple[Tensor, Tensor | None]:
     """Light (H, W, 3) plus the correction, not below black where there is one; moments (H, W, 2) move with it."""
     corrected = torch.where(found == 0, light, (light + found).clamp(min=0))  # (H, W, 3)

@@ -13,7 +13,7 @@ from .demodulate import demodulate, disowned, remodulate, texture_of
 from .exposure import exposure
 from .fireflies import suppress_fireflies
 from .gradient import temporal_gradient
-from .innovation import correct, innovation
+from .innovation import correct, innovation, weighed
 from .light_change import light_change
 from .repetition import Noise
 from .reproject import reproject
@@ -212,23 +212,36 @@ class SVGF:
         self.history, self.previous = kept, frame
         if frame.albedo is not None:
             smooth = remodulate(smooth, **texture_of(frame), emission=emission)  # (H, W, 3)
-        if self.antialias:
-            smooth = self.finish(self.stage, smooth, frame, motion, still)  # (H, W, 3)
-        smooth = smooth.where(smooth.isfinite(), 0)  # (H, W, 3)
         if later is not None:
             confidence = confidence.maximum(later.confidence)  # (H, W)
             rejection = rejection & later.rejection.to(rejection)  # (H, W)
+        if self.antialias:
+            smooth = self.finish(self.stage, smooth, frame, motion, still, confidence <= 0)  # (H, W, 3)
+        smooth = smooth.where(smooth.isfinite(), 0)  # (H, W, 3)
         return Output(smooth, smooth_variance, length, confidence, rejection, missing, chosen)
 
-    def finish(self, stage: dict, smooth: Tensor, frame, motion: Tensor, still: Tensor | None) -> Tensor:
-        """The output stage (H, W, 3), which the samples correct together with its history, from the second frame on."""
+    def finish(
+        self,
+        stage: dict,
+        smooth: Tensor,
+        frame,
+        motion: Tensor,
+        still: Tensor | None,
+        others: Tensor,
+        weight: Tensor | None = None,
+    ) -> Tensor:
+        """The output stage (H, W, 3), which the samples correct together with its history, from the second frame on.
+
+        `others` (H, W) marks pixels that had no history; `weight` (H, W) is as for `weighed`.
+        """
         before = self.antialiased
         if self.innovation and before is not None:
             change = light_change(frame.color, *reproject(before[0], motion, fallback=False))
             before = [before[0] * change, before[1]]  # (H, W, 3), (H, W)
             self.mixing.scale(change)
         stage = for_frame(stage, frame)
-        (color, length), *_ = antialias(stage, before, smooth, motion, frame.depth, still)  # (H, W, 3), (H, W)
+        given = frame.depth, still, None, others
+        (color, length), *_ = antialias(stage, before, smooth, motion, *given)  # (H, W, 3), (H, W)
         shown = color.where(color.isfinite(), 0)  # (H, W, 3)
         bright = exposure(smooth)
         if self.innovation and before is not None:
@@ -239,7 +252,8 @@ class SVGF:
                 "strictness": 12,
                 "share": 0.7,
             }
-            found, self.lag = innovation(frame.color, shown, length, **known)  # (H, W, 3), (h, w, 4)
+            fresh = weighed(frame.color, shown, weight)  # (H, W, 3)
+            found, self.lag = innovation(fresh, shown, length, **known)  # (H, W, 3), (h, w, 4)
             (color, _), (shown, _) = correct(color, found), correct(shown, found)  # (H, W, 3) twice
         self.antialiased = [color, length]
         if not stage["choice"]:

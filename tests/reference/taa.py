@@ -162,6 +162,7 @@ def antialias(
     depth,
     still: Tensor | None = None,
     tests: dict | None = None,
+    others: Tensor | None = None,
 ) -> Antialiased:
     """Merge a colour into the history: dilate, reproject, clip, blend.
 
@@ -176,6 +177,7 @@ def antialias(
     depth : (H, W), or None: then the longest motion of the neighbourhood is used
     still : (H, W, 3), the motion that the cameras cause, if it is known
     tests : of surfaces, as for `reproject`
+    others : (H, W), where a denoiser found no history of the surface
     """
     tests = tests or {}
     memory = None
@@ -209,7 +211,11 @@ def antialias(
         hold = (kept[0][..., 6].nan_to_num() - 1).clamp(0, 1)  # (H, W)
         clipped = blend(old, clipped, hold)  # (H, W, 3)
     pace = {name: settings[name] for name in ("alpha", "fast_alpha", "speed")}
-    length = anti_lag(length, old, clipped, strength=settings["anti_lag"]) * (1 - change) ** 10  # (H, W)
+    length = anti_lag(length, old, clipped, strength=settings["anti_lag"])  # (H, W)
+    if others is not None and history is not None:
+        own = ((there - motion)[..., :2].abs() <= 0.05).all(-1)  # (H, W)
+        length = shorten_others(length, old, clipped, color).where(others & own, length)  # (H, W)
+    length = length * (1 - change) ** 10  # (H, W)
     counted = length + 1  # (H, W)
     if settings["alpha"] > 0:
         counted = counted.clamp(max=1 / settings["alpha"])  # (H, W)
@@ -220,6 +226,18 @@ def antialias(
     new = blend(color, clipped, share, exposure=brighter * bright, **weights)  # (H, W, 3)
     length = counted.where(color.isfinite().all(-1), length)  # (H, W)
     return Antialiased([new, length, *kept], coverage, rejection)
+
+
+def shorten_others(length: Tensor, old: Tensor, clipped: Tensor, color: Tensor) -> Tensor:
+    """The lengths (H, W) of a history that had to be clipped because it is another surface's.
+
+    A new colour that is brighter than the clipped history may be the one sample that hit a lamp, and shortens less.
+    """
+    before, light, fresh = luminance(old), luminance(clipped), luminance(color)  # (H, W) each
+    least = exposure(color) / 16
+    strength = 8 * (light + least) / (fresh.where(fresh > light, light) + least)  # (H, W)
+    distance = (before - light).abs() / before.abs().maximum(light.abs())  # (H, W)
+    return (1 / (1 / length + strength * distance)).where(strength * distance > 0, length)
 
 
 def follows(color: Tensor, still: Tensor, moved: Tensor, coverage: Tensor) -> Tensor:

@@ -30,7 +30,8 @@ use crate::pipelines::{bmfr, history};
 /// by_light : bool, optional
 ///     Give pixels less weight in a fit where light is bright: ``1 / (1 + l / 2e)**2``, with l the mean luminance of
 ///     the accumulated light over 3×3 pixels and e its `exposure`. By default in frames without albedo, where lamps are
-///     fitted together with the dark around them.
+///     fitted together with the dark around them. The differences by which new samples correct the output have the
+///     same weights.
 /// features : {"fewest", "all"}, default "fewest"
 ///     As in `regress`.
 /// restore : bool, default True

@@ -18,7 +18,7 @@ use pyo3::pyclass::boolean_struct::False;
 use pyo3::types::{PyDict, PyTuple};
 
 use crate::bindings::arrays::{
-    COLOR, Channels, Direct, Input, MOTION, Number, Out, detached, wrong_type,
+    COLOR, Channels, Direct, Input, MOTION, Number, Out, detached, needs, wrong_type,
 };
 use crate::bindings::camera::Camera;
 use crate::bindings::merge::MOMENTS;
@@ -658,24 +658,32 @@ impl<'py> FrameArgs<'py> {
         room.output(py, summary, mistake)
     }
 
-    /// The same for a denoised frame, with the samples that it was made of.
+    /// The same for a denoised frame, with the samples that it was made of, and the denoiser's confidence.
     fn step_denoised(
         self,
         py: Python<'py>,
         out: Option<&Bound<'py, Output>>,
-        samples: Option<&Bound<'py, PyAny>>,
+        [samples, confidence]: [Option<&Bound<'py, PyAny>>; 2],
         pipeline: &mut pipelines::taa::Taa,
     ) -> PyResult<Output> {
         let Some(samples) = samples else {
+            if confidence.is_some() {
+                return Err(needs("confidence", "samples"));
+            }
             return self.step(py, out, pipeline);
         };
         let size = self.size();
         let samples = Input::<f32>::new(samples, "samples", COLOR)?.sized("samples", size)?;
+        let confidence = Input::<f32>::optional(confidence, "confidence", Channels::One, size)?;
         let mut room = Room::new(py, out, size, pipeline.extras())?;
         let output = room.data()?;
-        let (frame, noisy) = (self.frame(), samples.pixels());
-        let (summary, mistake) = detached(py, || pipeline.step_denoised(&frame, noisy, output))??;
-        drop((self, samples));
+        let frame = self.frame();
+        let source = pipelines::taa::Source {
+            samples: samples.pixels(),
+            confidence: (confidence.as_ref()).map(|image| image.pixels().plane()),
+        };
+        let (summary, mistake) = detached(py, || pipeline.step_denoised(&frame, source, output))??;
+        drop((self, samples, confidence));
         room.output(py, summary, mistake)
     }
 

@@ -241,6 +241,11 @@ impl TAA {
     ///     the history, too, as in the last stage of a denoiser; and history is first multiplied by the `light_change`
     ///     from it, fetched bilinearly without tests or fallback, to the samples. Missing ones are NaN. Denoised colour
     ///     is not resolved by its `jitter`.
+    /// confidence : (H, W) array_like of float, optional
+    ///     With `samples`: the denoiser's. Where it is 0, that found no history of the surface; history that has to be
+    ///     clipped there, and is not fetched along the motion of a neighbour, is another surface's. It is shortened, as
+    ///     by `anti_lag` with a strength of ``8 (k + e) / (max(k, c) + e)``, with k and c the luminances of the clipped
+    ///     history and of the denoised colour, and e a sixteenth of the exposure.
     ///
     /// Returns
     /// -------
@@ -250,16 +255,19 @@ impl TAA {
     /// Raises
     /// ------
     /// ValueError
-    ///     If the size changes without `reset` in between; if `out` or `samples` do not fit.
-    #[pyo3(signature = (frame, out=None, *, samples=None))]
+    ///     If the size changes without `reset` in between; if `out`, `samples` or `confidence` do not fit; if there is
+    ///     `confidence` without `samples`.
+    #[pyo3(signature = (frame, out=None, *, samples=None, confidence=None))]
     fn step<'py>(
         slf: &Bound<'py, Self>,
         py: Python<'py>,
         frame: &Bound<'py, PyAny>,
         out: Option<&Bound<'py, Output>>,
         samples: Option<&Bound<'py, PyAny>>,
+        confidence: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Output> {
-        FrameArgs::new(frame)?.step_denoised(py, out, samples, &mut alone(slf)?.inner)
+        let source = [samples, confidence];
+        FrameArgs::new(frame)?.step_denoised(py, out, source, &mut alone(slf)?.inner)
     }
 
     /// Discard all history; the next frame starts a new sequence.

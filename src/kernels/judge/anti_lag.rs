@@ -67,14 +67,18 @@ pub(crate) fn shorten(lengths: &mut [f32], history: &[Row; 3], clipped: &[Row; 3
     let [hr, hg, hb] = history.each_ref().map(|row| &row[..n]);
     let [kr, kg, kb] = clipped.each_ref().map(|row| &row[..n]);
     for x in 0..n {
-        let (h, k) = (
-            luminance(hr[x], hg[x], hb[x]),
-            luminance(kr[x], kg[x], kb[x]),
-        );
-        let distance = (h - k).abs() / larger(h.abs(), k.abs());
-        // The distance is NaN if both are black or one is missing. Written as 1/(1/N + …), so that N may be infinite.
-        let shortened = 1.0 / (1.0 / lengths[x] + strength * distance);
-        let moved = distance.is_finite() & (strength * distance > 0.0);
-        lengths[x] = if moved { shortened } else { lengths[x] };
+        let h = luminance(hr[x], hg[x], hb[x]);
+        let k = luminance(kr[x], kg[x], kb[x]);
+        lengths[x] = shortened(lengths[x], h, k, strength);
     }
+}
+
+/// N′, from N and the luminances of history before and after clipping.
+#[inline(always)]
+pub(crate) fn shortened(length: f32, before: f32, clipped: f32, strength: f32) -> f32 {
+    let distance = (before - clipped).abs() / larger(before.abs(), clipped.abs());
+    // The distance is NaN if both are black or one is missing. Written as 1/(1/N + …), so that N may be infinite.
+    let shortened = 1.0 / (1.0 / length + strength * distance);
+    let moved = distance.is_finite() & (strength * distance > 0.0);
+    if moved { shortened } else { length }
 }

@@ -7,7 +7,8 @@
 //! around them. Bright light therefore weighs less:
 //!   w = 1 / (1 + l / 2e)²,
 //! with l the mean luminance of the accumulated light over 3×3 pixels and e its exposure. The mean keeps bright noise from
-//! being held down by itself.
+//! being held down by itself. What new samples differ from the output by counts by the same weight when they correct it:
+//! a lamp is far above a fit in which it weighs little, and its glow would come back through the blocks of the innovation.
 //!
 //! The output is the fit plus the detail by which the accumulated light differs from it beyond noise
 //! ([`restore_detail`]). The variance of the accumulated light is (m₂ − m₁²)/N, known from [`LEAST`] samples on. History is
@@ -15,7 +16,7 @@
 
 use std::ops::Range;
 
-use super::{FITS, LENGTH, LIGHT, MOMENTS, Params};
+use super::{FITS, LENGTH, LIGHT, MOMENTS};
 use crate::image::{BandMut, Image, Pixels, Records, View};
 use crate::kernels::judge::neighborhood::{self, Bounds, Response, Space, clip_history};
 use crate::kernels::judge::repetition::luminances;
@@ -55,37 +56,36 @@ const RANGE: neighborhood::Params = neighborhood::Params {
     exposure: 1.0,
 };
 
-/// Fits the accumulated light, whose exposure is `bright`; `age` counts the frames of the sequence.
-pub fn fit(
-    light: Pixels,
-    bright: f32,
-    features: Features,
-    albedo: Option<Pixels>,
-    params: &Params,
-    age: usize,
-) -> Records {
-    let size = light.size;
-    let by_light = params.by_light.unwrap_or(albedo.is_none());
+/// What each pixel of the accumulated light, whose exposure is `bright`, weighs in a fit; all alike if there is no image.
+pub fn weigh(light: Pixels, bright: f32, albedo: Option<Pixels>, by_light: bool) -> Option<Image> {
     let luminance = by_light.then(|| luminances(light));
-    let weight = (by_light || albedo.is_some()).then(|| {
+    (by_light || albedo.is_some()).then(|| {
         let weigh = Weigh {
             albedo,
             luminance: luminance.as_ref().map(Image::view),
             bright: 2.0 * bright,
         };
-        let mut weight = Image::blank(size, 1);
-        rows::run(&weigh, size.height, weight.bands());
+        let mut weight = Image::blank(light.size, 1);
+        rows::run(&weigh, light.size.height, weight.bands());
         weight
-    });
-    let usual = if albedo.is_some() { 16 } else { 8 };
-    let block = params.block.unwrap_or(usual);
+    })
+}
+
+/// Fits the accumulated light in blocks of a side in pixels; `age` counts the frames of the sequence.
+pub fn fit(
+    light: Pixels,
+    features: Features,
+    weight: Option<Pixels>,
+    choice: regress::Choice,
+    block: usize,
+    age: usize,
+) -> Records {
     let params = regress::Params {
         block,
         offset: OFFSETS[age % OFFSETS.len()].map(|eighths| eighths * block as i64 / 8),
-        features: params.features,
+        features: choice,
     };
-    let (mut fit, mut counts) = (Records::blank(size, 3), Image::blank(size, 1));
-    let weight = weight.as_ref().map(Image::pixels);
+    let (mut fit, mut counts) = (Records::blank(light.size, 3), Image::blank(light.size, 1));
     let (fitted, counts) = (fit.data_mut(), counts.data_mut());
     regress(light, features, weight, params, fitted, counts);
     fit

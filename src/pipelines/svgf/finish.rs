@@ -4,18 +4,19 @@ use std::ops::Range;
 
 use super::passes::Passes;
 use super::{Current, Shown};
-use crate::image::{BandMut, Image, Pixels, Records, Run, SEGMENT, bands_of, segments};
+use crate::image::{BandMut, Image, Pixels, Records, Run, SEGMENT, View, bands_of, segments};
+use crate::kernels::fetch::validate::Tests;
 use crate::kernels::judge::innovation::{Innovation, corrected};
 use crate::kernels::merge::accumulate;
 use crate::kernels::smooth::demodulate::{Texture, Way};
 use crate::pipelines::correction::correct_run;
 use crate::pipelines::frame::{Frame, blacken_missing};
-use crate::pipelines::taa::{Denoised, Stage};
+use crate::pipelines::taa::{Denoised, Others, Stage};
 use crate::pixels::{Colors, PixelsMut, Row};
 use crate::rows::{self, Kernel, Simd};
 
 /// Corrects history, and the light in which reflections are looked for, in place. Writes colour and variance if the frame is
-/// shown. The output stage comes with the motion that it follows, if that is not the frame's.
+/// shown. The output stage comes with the motion that it follows, if that is not the frame's; `confidence` is the history's.
 pub fn finish(
     now: &Current,
     passes: Passes,
@@ -23,6 +24,7 @@ pub fn finish(
     history: &mut Records,
     light: Option<&mut Records>,
     antialias: Option<(&mut Stage, Option<Pixels>)>,
+    confidence: View,
     shown: Option<&mut Shown>,
 ) {
     let size = now.size();
@@ -63,8 +65,13 @@ pub fn finish(
         let denoised = Denoised {
             color: color.pixels(),
             corrects: now.params.history.innovation.is_some(),
+            weight: None,
             repeats: now.repeats,
-            tested: None,
+            others: Others {
+                tests: Tests::none(),
+                report: None,
+                confidence: Some(confidence),
+            },
         };
         stage.show(&frame, now.before.as_ref(), motion, denoised, show);
     }

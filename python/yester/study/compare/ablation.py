@@ -86,6 +86,17 @@ def _antialiased(**options: Any) -> Run:
     return run
 
 
+def _trusting(frames: Iterable[Frame]) -> Iterator[Result]:
+    """SVGF whose output stage does not know where the filter had no history."""
+    denoiser, stage = SVGF().split()
+    assert stage is not None
+    for frame in frames:
+        denoised = denoiser.step(frame)
+        motion = frame.motion if denoised.motion is None else denoised.motion
+        known = {name: getattr(frame, name) for name in ("depth", "position", "normal", "camera", "jitter")}
+        yield Result(stage.step(Frame(denoised.color, motion=motion, **known), samples=frame.color).color)
+
+
 _SVGF = Method("SVGF", "SVGF", pipeline(SVGF), default=True)
 _TAA = Method("TAA", "TAA", pipeline(TAA), default=True)
 #: What SVGF with another output stage is compared with.
@@ -155,6 +166,7 @@ ABLATIONS = (
             "passes after 2": pipeline(SVGF, iterations=2, choice=False),
         }.items()
     ),
+    _ablation(_SVGF, "confidence in the output stage", _trusting),
     _stage("dilation", dilate="none"),
     _stage("clip", gamma=_ENDLESS),
     _stage("cubic history", filter="bilinear"),
