@@ -901,7 +901,8 @@ def by_light(color: NDArray) -> NDArray:
 
 def weighed(samples: NDArray, shown: NDArray, weight: NDArray | None) -> NDArray:
     """Samples as far as their differences from what is shown count."""
-    return samples if weight is None else shown + weight[..., None] * (samples - shown)
+    with np.errstate(invalid="ignore"):
+        return samples if weight is None else shown + weight[..., None] * (samples - shown)
 
 
 class BMFR:
@@ -999,6 +1000,11 @@ class BMFR:
             with np.errstate(divide="ignore", invalid="ignore"):
                 variance = np.maximum(moments[..., 1] - moments[..., 0] * moments[..., 0], 0) / length
             variance = np.where(length >= 3.5, variance, np.float32(np.nan))
+            if self.trust is not None:
+                bound = np.where(fresh > fits, fresh, fits)
+                with np.errstate(invalid="ignore"):
+                    held = bound + self.trust[..., None] * (clipped - bound)
+                clipped = np.where((clipped > bound) & np.isfinite(held), held, clipped)
             light = yester.restore_detail(fits, clipped, variance, strictness=0.7)
         if self.innovation and self.before is not None:
             known = {"evidence": self.evidence, "motion": motion, "exposure": yester.exposure(color)}

@@ -184,7 +184,7 @@ impl Steps for Bmfr {
             params.block_of(frame),
             age,
         );
-        let trust = weight.as_ref().filter(|_| by_light).map(Image::view);
+        let by_weight = weight.as_ref().filter(|_| by_light).map(Image::view);
         accumulate_fits(&fit, &past.history, params.fitted_alpha, &mut history);
         let mixes = params.antialias.is_some_and(|stage| stage.choice);
         let compared = (mixes || params.restore.is_some())
@@ -193,13 +193,13 @@ impl Steps for Bmfr {
         let repeats = repeats.unwrap_or(false);
         // The mean of noise that repeats varies by more than its samples tell.
         let mut detailed = (params.restore.filter(|_| !repeats))
-            .map(|params| restored(&history, sample.pixels(), params));
+            .map(|params| restored(&history, sample.pixels(), by_weight, params));
         drop((sample, past, fit));
         let evidence = (params.history.innovation.filter(|_| !first)).map(|params| {
             inputs.correct(
                 params,
                 bright,
-                trust,
+                by_weight,
                 evidence.as_ref(),
                 &mut history,
                 detailed.as_mut(),
@@ -215,7 +215,7 @@ impl Steps for Bmfr {
                 let denoised = Denoised {
                     color: color.into(),
                     corrects: params.history.innovation.is_some(),
-                    weight: trust,
+                    weight: by_weight,
                     repeats,
                     others: Others {
                         tests: Tests::none(),

@@ -12,12 +12,16 @@
 //!
 //! The output is the fit plus the detail by which the accumulated light differs from it beyond noise
 //! ([`restore_detail`]). The variance of the accumulated light is (m₂ − m₁²)/N, known from [`LEAST`] samples on. History is
-//! first clipped to the range of the 3×3 new samples: without guide buffers it may belong to another surface.
+//! first clipped to the range of the 3×3 new samples: without guide buffers it may belong to another surface. Where weights are
+//! by light, what the clipped light k exceeds both the own new sample y and the fit f by is also multiplied by w: of a lamp
+//! beside the pixel, resampled history is contaminated, and the range of the samples contains the lamp; a lamp's own samples
+//! are as bright as it is.
+//!   k ← b + w (k − b) if k > b,  b = max(y, f).
 
 use std::ops::Range;
 
 use super::{FITS, LENGTH, LIGHT, MOMENTS};
-use crate::image::{BandMut, Image, Pixels, Records, View};
+use crate::image::{BandMut, Image, Pixels, Records, SEGMENT, View, segments};
 use crate::kernels::judge::neighborhood::{self, Bounds, Response, Space, clip_history};
 use crate::kernels::judge::repetition::luminances;
 use crate::kernels::merge::blend::{self, Alpha, blend};
@@ -25,7 +29,7 @@ use crate::kernels::smooth::box_sums::box_sums;
 use crate::kernels::smooth::regress::{self, Features, regress};
 use crate::kernels::smooth::restore::{self, restore_detail};
 use crate::math::larger;
-use crate::pixels::PixelsMut;
+use crate::pixels::{Colors, PixelsMut};
 use crate::rows::{self, Kernel, Simd};
 
 /// The blocks' offset, frame by frame, in eighths of their side.
@@ -111,13 +115,26 @@ pub fn accumulate_fits(fit: &Records, known: &Image, least: f32, history: &mut I
     );
 }
 
-/// The accumulated fits, with the detail of the accumulated light restored.
-pub fn restored(history: &Image, fresh: Pixels, params: restore::Params) -> Image {
+/// The accumulated fits, with the detail of the accumulated light restored. `weight` is that of the fit, if it is by light.
+pub fn restored(
+    history: &Image,
+    fresh: Pixels,
+    weight: Option<View>,
+    params: restore::Params,
+) -> Image {
     let size = history.size;
     let all = history.pixels();
     let mut noisy = Image::blank(size, 3);
     let clipped = noisy.bands().map(PixelsMut::Planar);
     clip_history(all.part(LIGHT), fresh, RANGE, clipped);
+    if let Some(weight) = weight {
+        let hold = Hold {
+            fresh,
+            fit: history.channels(FITS),
+            weight,
+        };
+        rows::run(&hold, size.height, noisy.bands());
+    }
     let mut variance = Image::blank(size, 1);
     rows::run(
         &VarianceOfMean(history.view()),
@@ -129,6 +146,38 @@ pub fn restored(history: &Image, fresh: Pixels, params: restore::Params) -> Imag
     let (smooth, noisy) = (all.part(FITS), noisy.pixels());
     restore_detail(smooth, noisy, variance.view(), params, out);
     restored
+}
+
+/// Holds down light that is brighter than its fit and its new sample, in place.
+struct Hold<'a> {
+    fresh: Pixels<'a>,
+    fit: View<'a>,
+    weight: View<'a>,
+}
+
+impl<'a> Kernel for Hold<'a> {
+    type Out = BandMut<'a>;
+
+    #[inline(always)]
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut light: BandMut<'a>) {
+        let mut fresh = [[0.0; SEGMENT]; 3];
+        for run in rows.flat_map(|y| segments(y, self.fit.size.width)) {
+            self.fresh.colors(run, &mut fresh);
+            let span = run.x..run.x + run.len;
+            let weight = &self.weight.row(0, run.y)[span.clone()];
+            for (channel, fresh) in fresh.iter().enumerate() {
+                let fit = &self.fit.row(channel, run.y)[span.clone()];
+                let light = &mut light.row(channel, run.y)[span.clone()];
+                for (i, light) in light.iter_mut().enumerate() {
+                    let bound = if fresh[i] > fit[i] { fresh[i] } else { fit[i] };
+                    let held = bound + weight[i] * (*light - bound);
+                    // Emitters, which the fits leave out, have no weight.
+                    let holds = (*light > bound) & held.is_finite();
+                    *light = if holds { held } else { *light };
+                }
+            }
+        }
+    }
 }
 
 /// Writes the variance of the accumulated luminance; NaN where history is too short to tell.
