@@ -1003,7 +1003,8 @@ class BMFR:
             if self.trust is not None:
                 bound = np.where(fresh > fits, fresh, fits)
                 with np.errstate(invalid="ignore"):
-                    held = bound + self.trust[..., None] * (clipped - bound)
+                    toned = 1 + (1 / np.sqrt(self.trust[..., None]) - 1) / 8
+                    held = bound + (clipped - bound) / (toned * toned)
                 clipped = np.where((clipped > bound) & np.isfinite(held), held, clipped)
             light = yester.restore_detail(fits, clipped, variance, strictness=0.7)
         if self.innovation and self.before is not None:

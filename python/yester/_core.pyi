@@ -973,8 +973,8 @@ class BMFR(Pipeline):
     black albedo are not fitted: they emit light or show background. The weight of the N-th fit is at least 1/N.
     Detail is restored with a strictness of 0.7. It comes from the accumulated light of histories of at least 3.5
     samples, clipped by ``clip_history(box="minmax", space="rgb", response="clamp")`` to the new samples, and its
-    variance is ``(m2 - m1²) / N``. With `by_light`, what exceeds both fit and own new sample is multiplied by the
-    weight: history beside a lamp contains some of it.
+    variance is ``(m2 - m1²) / N``. With `by_light`, what exceeds both fit and own new sample is divided by
+    ``(1 + l / 16e)**2``: history beside a lamp contains some of it.
 
     References
     ----------

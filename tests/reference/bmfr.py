@@ -95,7 +95,8 @@ class BMFR(SVGF):
             clipped = clip_history(color, fresh, box="minmax", space="rgb", response="clamp")  # (H, W, 3)
             if bright is not None:
                 bound = fresh.where(fresh > smooth, smooth)  # (H, W, 3)
-                held = bound + bright[..., None] * (clipped - bound)  # (H, W, 3)
+                toned = 1 + (bright[..., None] ** -0.5 - 1) / 8  # (H, W, 1)
+                held = bound + (clipped - bound) / toned**2  # (H, W, 3)
                 clipped = held.where((clipped > bound) & held.isfinite(), clipped)  # (H, W, 3)
             variance = (moments[..., 1] - moments[..., 0] ** 2).clamp(min=0) / length  # (H, W)
             variance = variance.where(length >= 3.5, torch.nan)  # (H, W)
