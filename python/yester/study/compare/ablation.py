@@ -77,11 +77,13 @@ def _antialiased(**options: Any) -> Run:
     """SVGF with another output stage, which the samples do not correct: the same kernels in the same order."""
 
     def run(frames: Iterable[Frame]) -> Iterator[Result]:
-        svgf, antialias = SVGF(antialias=False), TAA("denoised", **{"unguided_alpha": 0.5, **options})
+        svgf, antialias = SVGF(antialias=False), TAA("denoised", **{"unguided_alpha": 0.5, "choice": False, **options})
         for frame in frames:
             denoised = svgf.step(frame)
             known = {name: getattr(frame, name) for name in _GUIDES}
-            yield Result(antialias.step(Frame(denoised.color, motion=denoised.motion, **known)).color)
+            smooth = Frame(denoised.color, motion=denoised.motion, **known)
+            # With samples, of which nothing but their presence counts, it gets the confidence as well.
+            yield Result(antialias.step(smooth, samples=frame.color, confidence=denoised.confidence).color)
 
     return run
 
