@@ -88,12 +88,13 @@ pub(crate) struct Denoised<'a> {
     pub others: Others<'a>,
 }
 
-/// How the history of other surfaces is told.
+/// By what history of other surfaces is recognised.
 pub(crate) struct Others<'a> {
     /// Tests that history must pass.
     pub tests: Tests<'a>,
     pub report: Option<Vec<Report<'a>>>,
-    /// That of the denoiser, if it is known: 0 where it found no history of the surface. What has to be clipped there is shortened.
+    /// Confidence of the denoiser, if it is known: 0 where it found no history of the surface. History that has to be clipped
+    /// there is shortened.
     pub confidence: Option<View<'a>>,
 }
 
