@@ -45,8 +45,9 @@ def test_between_temporal_stages_it_is_their_composition(innovation):
             found, evidence = yester.innovation(frame.color, clean, *carried, exposure=bright, fed_back=False)
             assert found.any()
             clean = np.maximum(clean + found, 0)
-        places = {name: getattr(frame, name) for name in ("depth", "position", "camera", "jitter")}
-        want = antialiasing.step(yester.Frame(clean, motion=known.motion, **places), samples=frame.color)
+        kept = "depth", "position", "camera", "jitter", "albedo", "normal", "ids"
+        smooth = yester.Frame(clean, motion=known.motion, **{name: getattr(frame, name) for name in kept})
+        want = antialiasing.step(smooth, samples=frame.color, confidence=known.confidence)
         assert_same_bits(out.color, want.color)
         for name in NAMES[1:]:
             assert_same_bits(getattr(out, name), getattr(known, name))

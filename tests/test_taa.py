@@ -77,6 +77,23 @@ def test_frames_without_guides_have_a_share_of_their_own():
         check_bits(frames_of(known, 3), "best", unguided_alpha=0.15)
 
 
+def test_frames_with_guides_are_weighted_by_tone():
+    """Albedo, normals and ids are guides."""
+    tone = {"guided_exposure": 0, "weighting": "tone"}
+    for guides in ((), *((name,) for name in ("albedo", "depth", "normal", "ids"))):
+        frames = frames_of(("color", "motion", "camera", *guides), 3)
+        made, same, plain = (
+            yester.TAA("best", **named) for named in ({"guided_exposure": 1}, tone, {"guided_exposure": 0})
+        )
+        guided = guides not in ((), ("depth",))
+        for frame in frames:
+            color = made.step(frame).color
+            weighted, unweighted = same.step(frame).color, plain.step(frame).color
+        assert np.array_equal(color, weighted if guided else unweighted)
+        assert not np.array_equal(weighted, unweighted)
+        check_bits(frames, "best", guided_exposure=4)
+
+
 def test_thin_geometry_has_no_share_of_its_own():
     """Where depth alone guides, and differs in more than an eighth of the pairs of neighbours."""
     for columns, thin in ((3, False), (4, True)):  # every one of them differs from both of its neighbours
@@ -130,7 +147,7 @@ def test_doubts_are_the_kernels_arguments(preset, doubts):
 def test_doubts_are_as_the_reference_has_them(doubts):
     """With the rejection of the 2×2 footprint in any case."""
     taa, other = yester.TAA(**doubts), reference.TAA(**doubts)
-    absent = dict.fromkeys((*NAMES, *SURFACE))
+    absent = dict.fromkeys((*NAMES, *SURFACE, "albedo"))
     for frame in sequence(5):
         given = {name: frame[name] for name in SURFACE}
         got = taa.step(yester.Frame(**given))
@@ -292,7 +309,7 @@ def test_everything_is_used_that_is_there():
 def test_reference(preset, names):
     """The pipeline against its float64 composition, in which decisions may flip in a few pixels."""
     taa, other = yester.TAA(preset), reference.TAA(preset)
-    absent = dict.fromkeys((*NAMES, *SURFACE))
+    absent = dict.fromkeys((*NAMES, *SURFACE, "albedo"))
     for frame in sequence(6):
         given = {name: frame[name] for name in names}
         got = taa.step(yester.Frame(**given))
@@ -479,6 +496,7 @@ def test_unknown_modes_list_the_known(argument):
         ("alpha", [-0.1, 1.1, np.nan]),
         ("fast_alpha", [-0.1, 1.1, np.nan]),
         ("unguided_alpha", [-0.1, 1.1, np.nan]),
+        ("guided_exposure", [-1, np.inf, np.nan]),
         ("speed", [-1, np.nan, (3, 2)]),
         ("dilate_margin", [-0.1, 1.0, np.nan]),
         ("gamma", [-1, np.nan]),

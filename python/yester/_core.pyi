@@ -640,7 +640,7 @@ class SVGF(Pipeline):
         (`light_change`). The output stage is corrected in the same ways.
     antialias : bool, default True
         End with a stage of temporal antialiasing, ``TAA("denoised", unguided_alpha=0.5)``; with `average_still`,
-        ``unguided_alpha=0``.
+        ``unguided_alpha=0, guided_exposure=0``.
     average_still : bool, default False
         Average all samples, as with ``alpha=0, moments_alpha=0``, in frames in which nothing moves: the camera is that
         of the frame before, and the motion, without which only cameras tell, at most 0.001 pixels. For constant light.
@@ -1065,6 +1065,10 @@ class TAA(Pipeline):
         times as much, and are blended by tone at four times the exposure, unless more than an eighth of the pairs of
         neighbours along x and y differ in depth by more than a tenth of the smaller one: what is thinner than a pixel
         needs its history. By default 0 in all presets.
+    guided_exposure : float, optional
+        Frames with albedo, normals or ids are blended with `weighting` "tone" at so many times the exposure, from 0;
+        with 0, as `weighting` says. What a denoiser lets leak from a lamp into the dark then fades faster, and what is
+        not much brighter than the exposure is blended as before. By default 16 in preset "denoised", else 0.
     dilate : {"3x3", "cross", "none"}, optional
         Window of `dilate_motion`: the nearest pixel's motion if there is depth, else the longest.
     dilate_margin : float, optional
@@ -1164,6 +1168,7 @@ class TAA(Pipeline):
         fast_alpha: float | None = None,
         speed: _Threshold | None = None,
         unguided_alpha: float | None = None,
+        guided_exposure: float | None = None,
         dilate: Literal["3x3", "cross", "none"] | None = None,
         dilate_margin: float | None = None,
         dilate_movers: bool | None = None,

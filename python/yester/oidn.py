@@ -46,9 +46,9 @@ class OIDN(Pipeline):
     The network is the filter "RT" of Intel's Open Image Denoise [1]_. `temporal` consists of
     ``SVGF(alpha=0.05, iterations=0, choice=False, innovation=False, antialias=False)``, the network, `innovation` (with
     the `exposure` of the network's image, and ``fed_back=False``) and ``TAA("denoised", innovation=True)`` with the
-    frame's samples, both with the `motion` of SVGF's output, and gives their bits. Tried and found worse: demodulated
-    input, for the network or for innovation; feeding innovation back into the accumulated history; a second
-    accumulation of the network's output. As many threads run as ``YESTER_THREADS`` allows.
+    frame's samples and the `confidence` of SVGF's output, both with its `motion`, and gives their bits. Tried and found
+    worse: demodulated input, for the network or for innovation; feeding innovation back into the accumulated history; a
+    second accumulation of the network's output. As many threads run as ``YESTER_THREADS`` allows.
 
     References
     ----------
@@ -148,7 +148,9 @@ class OIDN(Pipeline):
             color = (color + found).clip(0)
         self._continues = True
         places = {name: getattr(frame, name) for name in ("depth", "position", "camera", "jitter")}
-        clean = antialiasing.step(Frame(color, motion=known.motion, **places), samples=frame.color)
+        guides = {name: getattr(frame, name) for name in ("albedo", "normal", "ids")}
+        smooth = Frame(color, motion=known.motion, **places, **guides)
+        clean = antialiasing.step(smooth, samples=frame.color, confidence=known.confidence)
         return Output(
             clean.color,
             known.history_length,

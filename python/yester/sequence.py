@@ -26,8 +26,7 @@ LOOKAHEAD = 3
 #: Frames of a chunk per frame of lookahead. The backward run starts `lookahead` frames behind the chunk's end; these
 #: frames, whose results are discarded, add a fifth to its cost.
 _CHUNK = 5
-#: Buffers beside depth by which an output stage that runs from one side knows that the denoiser had guides. From both
-#: sides it does not ask, so that they need not be held.
+#: Buffers beside depth that guide a denoiser. Its output stage asks only whether it had any.
 _GUIDES = ("albedo", "normal", "ids")
 
 
@@ -153,13 +152,12 @@ def _joining(frames: Iterator[Frame], pipeline: _Recalls, lookahead: int) -> Ite
     if first is None:
         return
     # Frames that no motion connects are denoised by the earlier ones alone.
-    one_sided = _alone(first)
-    denoiser, stage = pipeline.split(both_sides=not one_sided)
+    denoiser, stage = pipeline.split(both_sides=not _alone(first))
     joined = _joined(chain([first], frames), denoiser, lookahead)
     if stage is None:
         yield from (output for _, output, _ in joined)
     else:
-        yield from _finished(joined, stage, lookahead, _GUIDES if one_sided else ())
+        yield from _finished(joined, stage, lookahead)
 
 
 def _knowing_next(frames: Iterable[Frame]) -> Iterator[Frame]:
@@ -289,9 +287,9 @@ def _averaged(frames: Iterator[Frame], pipeline: _Steps, lookahead: int) -> Iter
 
 
 def _finished(
-    joined: Iterator[tuple[Frame, Output, History | None]], stage: _Stage, lookahead: int, guides: Iterable[str]
+    joined: Iterator[tuple[Frame, Output, History | None]], stage: _Stage, lookahead: int
 ) -> Iterator[Output]:
-    """Yield the outputs with colours from the output stage, which also gets samples, confidence and these guides."""
+    """Yield the outputs with colours from the output stage, which also gets samples and confidence."""
 
     def shown() -> Iterator[tuple[Frame, NDArray[np.float32], Output]]:
         for frame, output, later in joined:
@@ -299,7 +297,9 @@ def _finished(
             motion, following = (None if known is None else known.motion for known in (output, later))
             places["motion"] = frame.motion if motion is None else motion
             places["motion_next"] = frame.motion_next if following is None else following
-            places |= {name: getattr(frame, name) for name in guides}
+            if any(getattr(frame, name) is not None for name in _GUIDES):
+                # As if all were one surface: a whole window of frames would hold gigabytes of guides.
+                places["ids"] = np.broadcast_to(np.uint32(0), frame.shape)
             yield Frame(output.color, **places, camera=frame.camera), frame.color, output
 
     def look(

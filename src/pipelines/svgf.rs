@@ -96,15 +96,15 @@ impl Svgf {
         &self.params
     }
 
-    /// A pipeline without history; an error if a parameter is out of range. With `average_still`, what makes up for missing
-    /// guides is off, the limit of noise and the output stage's larger share: with them, the image of a scene at rest ends
-    /// farther from the mean of all samples.
+    /// A pipeline without history; an error if a parameter is out of range. With `average_still`, what the image of a scene at
+    /// rest would end farther from the mean of all samples by is off: the limit of noise, and the output stage's weights by
+    /// tone and larger share in frames without guides.
     pub fn new(mut params: Params) -> Result<Self> {
         params.check()?;
         if params.average_still {
             params.atrous.relative_noise = f32::INFINITY;
             if let Some(stage) = &mut params.antialias {
-                stage.unguided_alpha = 0.0;
+                (stage.unguided_alpha, stage.guided_exposure) = (0.0, 0.0);
             }
         }
         Ok(Self {

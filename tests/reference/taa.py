@@ -36,6 +36,7 @@ TEXTBOOK = {
     "fast_alpha": 0.05,
     "speed": (2.0, 16.0),
     "unguided_alpha": 0.0,
+    "guided_exposure": 0.0,
     "weighting": "none",
     "flicker": 1.0,
     "reconstruct": False,
@@ -85,6 +86,7 @@ DENOISED = BEST | {
     "response": "center",
     "alpha": 0.1,
     "fast_alpha": 0.3,
+    "guided_exposure": 16.0,
     "choice": True,
 }
 PRESETS = {"best": BEST, "denoised": DENOISED, "textbook": TEXTBOOK, "karis": KARIS, "filament": FILAMENT}
@@ -98,7 +100,12 @@ def is_unguided(frame) -> bool:
 def for_frame(settings: dict, frame) -> dict:
     """The settings for a frame, which may lack all that tells surfaces apart."""
     least, brighter = settings["unguided_alpha"], 1.0
-    if least == 0 or not is_unguided(frame):
+    guided = settings["guided_exposure"]
+    if least == 0 and guided == 0:
+        return settings
+    if not is_unguided(frame):
+        return {**settings, "weighting": "tone", "brighter": guided} if guided > 0 else settings
+    if least == 0:
         return settings
     if frame.depth is not None:
         if is_thin(torch.as_tensor(frame.depth)):

@@ -772,6 +772,9 @@ fn split<'py>(
     if !both_sides && stage.unguided_alpha != unguided {
         changed.set_item("unguided_alpha", stage.unguided_alpha)?;
     }
+    if stage.guided_exposure != pipelines::taa::Params::DENOISED.guided_exposure {
+        changed.set_item("guided_exposure", stage.guided_exposure)?;
+    }
     if params.history.innovation.is_some() {
         changed.set_item("innovation", true)?;
     }

@@ -102,7 +102,7 @@ use crate::pipelines::{history, svgf, taa};
 ///     (`light_change`). The output stage is corrected in the same ways.
 /// antialias : bool, default True
 ///     End with a stage of temporal antialiasing, ``TAA("denoised", unguided_alpha=0.5)``; with `average_still`,
-///     ``unguided_alpha=0``.
+///     ``unguided_alpha=0, guided_exposure=0``.
 /// average_still : bool, default False
 ///     Average all samples, as with ``alpha=0, moments_alpha=0``, in frames in which nothing moves: the camera is that
 ///     of the frame before, and the motion, without which only cameras tell, at most 0.001 pixels. For constant light.

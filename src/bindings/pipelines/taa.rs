@@ -38,6 +38,10 @@ use crate::pipelines::taa;
 ///     times as much, and are blended by tone at four times the exposure, unless more than an eighth of the pairs of
 ///     neighbours along x and y differ in depth by more than a tenth of the smaller one: what is thinner than a pixel
 ///     needs its history. By default 0 in all presets.
+/// guided_exposure : float, optional
+///     Frames with albedo, normals or ids are blended with `weighting` "tone" at so many times the exposure, from 0;
+///     with 0, as `weighting` says. What a denoiser lets leak from a lamp into the dark then fades faster, and what is
+///     not much brighter than the exposure is blended as before. By default 16 in preset "denoised", else 0.
 /// dilate : {"3x3", "cross", "none"}, optional
 ///     Window of `dilate_motion`: the nearest pixel's motion if there is depth, else the longest.
 /// dilate_margin : float, optional
@@ -136,7 +140,7 @@ pub struct TAA {
 #[pymethods]
 impl TAA {
     #[new]
-    #[pyo3(signature = (preset="best", *, alpha=None, fast_alpha=None, speed=None, unguided_alpha=None, dilate=None, dilate_margin=None,
+    #[pyo3(signature = (preset="best", *, alpha=None, fast_alpha=None, speed=None, unguided_alpha=None, guided_exposure=None, dilate=None, dilate_margin=None,
         dilate_movers=None, filter=None, r#box=None, gamma=None, window=None, space=None, response=None, weighting=None, flicker=None,
         relative_depth=None, plane_distance=None, normal_angle=None, relative_albedo=None, ids=false, gradient=false, anti_lag=0.0, alternation=false,
         innovation=false, choice=None))]
@@ -147,6 +151,7 @@ impl TAA {
         fast_alpha: Option<f32>,
         speed: Option<Threshold>,
         unguided_alpha: Option<f32>,
+        guided_exposure: Option<f32>,
         dilate: Option<&str>,
         dilate_margin: Option<f32>,
         dilate_movers: Option<bool>,
@@ -188,6 +193,7 @@ impl TAA {
         factor.fast_alpha = fast_alpha.unwrap_or(factor.fast_alpha);
         factor.speed = speed.map_or(factor.speed, Into::into);
         params.unguided_alpha = unguided_alpha.unwrap_or(params.unguided_alpha);
+        params.guided_exposure = guided_exposure.unwrap_or(params.guided_exposure);
         let clip = &mut params.clip;
         clip.bounds = or(r#box, "box", &neighborhood::Params::BOUNDS, clip.bounds)?;
         clip.gamma = gamma.unwrap_or(clip.gamma);

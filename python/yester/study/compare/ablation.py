@@ -95,7 +95,7 @@ def _trusting(frames: Iterable[Frame]) -> Iterator[Result]:
     for frame in frames:
         denoised = denoiser.step(frame)
         motion = frame.motion if denoised.motion is None else denoised.motion
-        known = {name: getattr(frame, name) for name in ("depth", "position", "normal", "camera", "jitter")}
+        known = {name: getattr(frame, name) for name in (*_GUIDES, "jitter")}
         yield Result(stage.step(Frame(denoised.color, motion=motion, **known), samples=frame.color).color)
 
 
@@ -174,6 +174,7 @@ ABLATIONS = (
     _stage("cubic history", filter="bilinear"),
     _stage("tone-mapped box", space="ycocg"),
     _stage("share without guides", unguided_alpha=0.0),
+    _stage("weights by tone", guided_exposure=0.0),
     *(
         _ablation(_SVGF, component, run, added=True)
         for component, run in {
