@@ -1,3 +1,6 @@
+import copy
+import pickle
+
 import compare
 import numpy as np
 import pytest
@@ -136,12 +139,30 @@ def test_broken_history_is_no_history():
     assert (result.color[0, :4] == 2).all()
 
 
+def test_results_can_be_copied_and_pickled():
+    rng = np.random.default_rng(0)
+    color = rng.random((5, 7, 3), np.float32)
+    color[2, 3] = np.nan
+    result = yester.accumulate(color, color, color[..., :2], color[..., 0])
+    for again in (copy.copy(result), copy.deepcopy(result), pickle.loads(pickle.dumps(result))):
+        for name in ("color", "moments", "history_length"):
+            assert_same_bits(getattr(again, name), getattr(result, name))
+        assert again.missing == result.missing == 1
+
+
+@pytest.mark.parametrize("name", ["color", "moments", "history_length"])
+def test_results_of_wrong_shapes_are_refused(name):
+    parts = {"color": np.ones((4, 5, 3)), "moments": np.ones((4, 5, 2)), "history_length": np.ones((4, 5))}
+    with pytest.raises(ValueError, match=rf"^(color|moments|{name}): expected"):
+        yester.Accumulated(**parts | {name: parts[name][:-1, ..., None]}, missing=0)
+
+
 def test_nothing_of_the_arguments_changes():
     images = inputs(np.random.default_rng(0), 4, 5)
     copies = [image.copy() for image in images]
     yester.accumulate(*images)
-    for image, copy in zip(images, copies, strict=True):
-        np.testing.assert_array_equal(image, copy)
+    for image, copied in zip(images, copies, strict=True):
+        np.testing.assert_array_equal(image, copied)
 
 
 def test_no_gradient_changes_nothing():

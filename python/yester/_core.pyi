@@ -321,9 +321,9 @@ class Camera:
 
 @final
 class Accumulated:
-    """Result of `accumulate`.
+    """Result of `accumulate`, which can be pickled.
 
-    Attributes
+    Parameters
     ----------
     color : (H, W, 3) float32
         Accumulated colour.
@@ -333,6 +333,11 @@ class Accumulated:
         History length in samples, up to 1/alpha where a sample was merged.
     missing : int
         Pixels whose new sample was not finite, or of weight 0 or NaN.
+
+    Raises
+    ------
+    ValueError
+        On wrong shapes.
 
     See Also
     --------
@@ -344,6 +349,7 @@ class Accumulated:
     >>> yester.accumulate(zeros + 1, zeros, zeros[..., :2], zeros[..., 0])
     Accumulated(2x2, missing=0)
     """
+    def __new__(cls, color: ArrayLike, moments: ArrayLike, history_length: ArrayLike, missing: int) -> Self: ...
     @property
     def color(self) -> _Floats:
         """Accumulated colour: (H, W, 3) float32."""
@@ -356,6 +362,7 @@ class Accumulated:
     @property
     def missing(self) -> int:
         """Number of pixels whose new sample was not finite, or of weight 0 or NaN."""
+    def __getnewargs__(self) -> tuple[NDArray[Any] | int, ...]: ...
 
 @final
 class Output:

@@ -2,6 +2,7 @@
 
 use numpy::{PyArrayDyn, PyArrayMethods, PyUntypedArray};
 use pyo3::prelude::*;
+use pyo3::types::PyTuple;
 
 use super::arrays::{COLOR, Channels, Direct, Input, Out, choice, detached, parts, points};
 use crate::error::Error;
@@ -12,9 +13,9 @@ use crate::pixels::PixelsMut;
 
 pub const MOMENTS: Channels = Channels::Of(&[2]);
 
-/// Result of `accumulate`.
+/// Result of `accumulate`, which can be pickled.
 ///
-/// Attributes
+/// Parameters
 /// ----------
 /// color : (H, W, 3) float32
 ///     Accumulated colour.
@@ -24,6 +25,11 @@ pub const MOMENTS: Channels = Channels::Of(&[2]);
 ///     History length in samples, up to 1/alpha where a sample was merged.
 /// missing : int
 ///     Pixels whose new sample was not finite, or of weight 0 or NaN.
+///
+/// Raises
+/// ------
+/// ValueError
+///     On wrong shapes.
 ///
 /// See Also
 /// --------
@@ -48,6 +54,38 @@ pub struct Accumulated {
 
 #[pymethods]
 impl Accumulated {
+    #[new]
+    fn new(
+        color: &Bound<'_, PyAny>,
+        moments: &Bound<'_, PyAny>,
+        history_length: &Bound<'_, PyAny>,
+        missing: usize,
+    ) -> PyResult<Self> {
+        let color = Input::<f32>::new(color, "color", COLOR)?;
+        let size = color.size();
+        let input = |value, name, channels| {
+            let input = Input::<f32>::new(value, name, channels)?.sized(name, size)?;
+            Ok::<_, PyErr>(input.array().unbind())
+        };
+        Ok(Self {
+            color: color.array().unbind(),
+            moments: input(moments, "moments", MOMENTS)?,
+            history_length: input(history_length, "history_length", Channels::One)?,
+            missing,
+        })
+    }
+
+    /// Supports pickling and copying; a shallow copy shares the arrays.
+    fn __getnewargs__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
+        let Self {
+            color,
+            moments,
+            history_length,
+            missing,
+        } = self;
+        (color, moments, history_length, missing).into_pyobject(py)
+    }
+
     fn __repr__(&self, py: Python<'_>) -> String {
         let shape =
             numpy::PyUntypedArrayMethods::shape(self.history_length.bind(py).as_untyped()).to_vec();
