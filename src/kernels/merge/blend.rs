@@ -255,12 +255,10 @@ pub(crate) fn mix(
 ) {
     match weighting {
         Weighting::None => mix_by(color, history, alphas, blended, |a, _, _| a),
-        // Both weights folded into one effective α.
+        // Both weights folded into one effective α, the fraction expanded by both denominators.
         Weighting::Tone => mix_by(color, history, alphas, blended, |a, c, h| {
-            let (new, old) = (
-                a / (exposure + c.max(0.0)),
-                (1.0 - a) / (exposure + h.max(0.0)),
-            );
+            let new = a * (exposure + h.max(0.0));
+            let old = (1.0 - a) * (exposure + c.max(0.0));
             new / (new + old)
         }),
         Weighting::Luminance => mix_by(color, history, alphas, blended, |a, c, h| {
