@@ -412,8 +412,9 @@ def test_each_component_does_something(each, recording):
 def test_the_stage_of_the_ablation_is_svgfs(recording):
     """Run separately, as in the ablation, both stages give the pipeline's bits, before samples are mixed in."""
     frames = [recording.frame(i) for i in range(3)]
-    for one, other in zip(pipeline(yester.SVGF)(frames), ablation._antialiased()(frames), strict=True):
-        assert_same_bits(one.color, other.color)
+    for run in (ablation._antialiased(), ablation._antialiased(**ablation._CORRECTED)):
+        for one, other in zip(pipeline(yester.SVGF)(frames), run(frames), strict=True):
+            assert_same_bits(one.color, other.color)
 
 
 def test_switches_follow_the_default():

@@ -64,7 +64,9 @@ class Ablation:
 
 
 #: What the output stage has of a frame.
-_GUIDES = ("depth", "position", "camera", "albedo", "normal", "ids")
+_GUIDES = ("depth", "position", "camera", "jitter", "albedo", "normal", "ids")
+#: The options of an output stage that the samples correct, as in SVGF.
+_CORRECTED: dict[str, Any] = {"innovation": True, "choice": True}
 
 
 def _without(*names: str, **options: Any) -> Run:
@@ -73,30 +75,20 @@ def _without(*names: str, **options: Any) -> Run:
     return on_part(lambda frame, _: replace(frame, **absent), pipeline(SVGF, **options))
 
 
-def _antialiased(**options: Any) -> Run:
-    """SVGF with another output stage, which the samples do not correct: the same kernels in the same order."""
+def _antialiased(*, confidence: bool = True, **options: Any) -> Run:
+    """SVGF with another output stage: the same kernels in the same order. By default, the samples do not correct it."""
+    options = {"unguided_alpha": 0.5, "choice": False, **options}
 
     def run(frames: Iterable[Frame]) -> Iterator[Result]:
-        svgf, antialias = SVGF(antialias=False), TAA("denoised", **{"unguided_alpha": 0.5, "choice": False, **options})
+        svgf, antialias = SVGF(antialias=False), TAA("denoised", **options)
         for frame in frames:
             denoised = svgf.step(frame)
             known = {name: getattr(frame, name) for name in _GUIDES}
             smooth = Frame(denoised.color, motion=denoised.motion, **known)
-            # With samples, of which nothing but their presence counts, it gets the confidence as well.
-            yield Result(antialias.step(smooth, samples=frame.color, confidence=denoised.confidence).color)
+            trust = denoised.confidence if confidence else None
+            yield Result(antialias.step(smooth, samples=frame.color, confidence=trust).color)
 
     return run
-
-
-def _trusting(frames: Iterable[Frame]) -> Iterator[Result]:
-    """SVGF whose output stage does not know where the filter had no history."""
-    denoiser, stage = SVGF().split()
-    assert stage is not None
-    for frame in frames:
-        denoised = denoiser.step(frame)
-        motion = frame.motion if denoised.motion is None else denoised.motion
-        known = {name: getattr(frame, name) for name in (*_GUIDES, "jitter")}
-        yield Result(stage.step(Frame(denoised.color, motion=motion, **known), samples=frame.color).color)
 
 
 _SVGF = Method("SVGF", "SVGF", pipeline(SVGF), default=True)
@@ -168,13 +160,13 @@ ABLATIONS = (
             "passes after 2": pipeline(SVGF, iterations=2, choice=False),
         }.items()
     ),
-    _ablation(_SVGF, "confidence in the output stage", _trusting),
+    _ablation(_SVGF, "confidence in the output stage", _antialiased(**_CORRECTED, confidence=False)),
+    _ablation(_SVGF, "weights by tone", _antialiased(**_CORRECTED, guided_exposure=0.0)),
     _stage("dilation", dilate="none"),
     _stage("clip", gamma=_ENDLESS),
     _stage("cubic history", filter="bilinear"),
     _stage("tone-mapped box", space="ycocg"),
     _stage("share without guides", unguided_alpha=0.0),
-    _stage("weights by tone", guided_exposure=0.0),
     *(
         _ablation(_SVGF, component, run, added=True)
         for component, run in {
