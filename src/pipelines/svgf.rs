@@ -96,9 +96,9 @@ impl Svgf {
         &self.params
     }
 
-    /// A pipeline without history; an error if a parameter is out of range. With `average_still`, what the image of a scene at
-    /// rest would end farther from the mean of all samples by is off: the limit of noise, and the output stage's weights by
-    /// tone and larger share in frames without guides.
+    /// A pipeline without history; an error if a parameter is out of range. With `average_still`, the limit of noise is off,
+    /// and so are the output stage's weights by tone and its larger share in frames without guides: with them, the image of a
+    /// scene at rest ends farther from the mean of all samples.
     pub fn new(mut params: Params) -> Result<Self> {
         params.check()?;
         if params.average_still {
