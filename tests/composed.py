@@ -555,7 +555,7 @@ class SVGF:
         self.distances, self.innovation, self.antialias = reflections, innovation, antialias
         self.passes, self.stage = 3, {**PRESETS["denoised"], "choice": choice}
         self.stage["unguided_alpha"] = 0.0 if average_still else 0.5
-        self.stage["guided_exposure"] = 0.0 if average_still else 16.0
+        self.stage["guided_exposure"] *= not average_still
         self.before = self.antialiased = self.mirrored = self.evidence = self.lag = self.mixing = self.trust = None
         self.chooses, self.choice, self.coherence = choice, None, coherence
         self.choice_with_albedo, self.strictness, self.fewest = True, 0.5, 2.5

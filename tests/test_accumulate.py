@@ -153,7 +153,7 @@ def test_results_can_be_copied_and_pickled():
 @pytest.mark.parametrize("name", ["color", "moments", "history_length"])
 def test_results_of_wrong_shapes_are_refused(name):
     parts = {"color": np.ones((4, 5, 3)), "moments": np.ones((4, 5, 2)), "history_length": np.ones((4, 5))}
-    with pytest.raises(ValueError, match=rf"^(color|moments|{name}): expected"):
+    with pytest.raises(ValueError, match=rf"^{name}: expected"):
         yester.Accumulated(**parts | {name: parts[name][:-1, ..., None]}, missing=0)
 
 

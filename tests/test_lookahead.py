@@ -103,8 +103,8 @@ def forward(output, frame: Frame):
 
 def finish(stage: yester.TAA, output, frame: Frame, motion):
     """The output stage on a denoised frame."""
-    guides = "depth", "position", "normal", "ids", "albedo", "camera", "jitter"
-    places = {name: getattr(frame, name) for name in guides}
+    kept = "depth", "position", "normal", "ids", "albedo", "camera", "jitter"
+    places = {name: getattr(frame, name) for name in kept}
     known = {"samples": frame.color, "confidence": output.confidence}
     return stage.step(Frame(output.color, motion=motion, **places), **known)
 

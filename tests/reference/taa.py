@@ -101,8 +101,6 @@ def for_frame(settings: dict, frame) -> dict:
     """The settings for a frame, which may lack all that tells surfaces apart."""
     least, brighter = settings["unguided_alpha"], 1.0
     guided = settings["guided_exposure"]
-    if least == 0 and guided == 0:
-        return settings
     if not is_unguided(frame):
         return {**settings, "weighting": "tone", "brighter": guided} if guided > 0 else settings
     if least == 0:
