@@ -44,6 +44,10 @@ def calls(height: int = 6, width: int = 9, seed: int = 0) -> dict[str, tuple[Cal
             yester.virtual_motion,
             {"geometry": position, "hit_distance": np.abs(light) * 3, **cameras},
         ),
+        "depth_change": (
+            yester.depth_change,
+            {"depth": now["depth"], "previous_depth": now["depth"] * 1.2, "motion": motion},
+        ),
         "dilate_motion": (yester.dilate_motion, {"motion": motion, "depth": now["depth"]}),
         "invert_motion": (
             yester.invert_motion,

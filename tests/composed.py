@@ -81,7 +81,10 @@ def find_motion(frame: yester.Frame, before: yester.Frame | None) -> NDArray[np.
     if motion is None:
         return np.zeros((*frame.color.shape[:2], 2), np.float32) if still is None else still
     if still is None:
-        return motion
+        depths = [None if each is None else each.depth for each in (frame, before)]
+        known = motion.shape[-1] == 2 and all(depth is not None for depth in depths)
+        change = yester.depth_change(*depths, motion) if known else 0
+        return np.dstack([motion, np.full(motion.shape[:2], change, np.float32)]) if change else motion
     missed = ~np.isfinite(frame.position).all(-1) if frame.position is not None else np.isposinf(frame.depth)
     unknown = ~np.isfinite(motion[..., :2]).all(-1) | ((motion[..., :2] == 0).all(-1) & missed)
     filled = motion.shape[-1] == 2 or unknown[::4].any()

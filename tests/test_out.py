@@ -9,7 +9,7 @@ from calls import arrays, calls
 from compare import assert_same_bits, each
 
 # Of a size that has more than one tile of 8×8 along each side.
-NUMBERS = "exposure", "light_change", "repetition"  # of their results, one is a number
+NUMBERS = "depth_change", "exposure", "light_change", "repetition"  # of their results, one is a number
 CALLS = {name: call for name, call in calls(10, 13).items() if name not in NUMBERS}
 # The inputs that results may replace, in the order of the results.
 IN_PLACE = {

@@ -47,6 +47,7 @@ __all__ = [
     "consistency",
     "converge",
     "demodulate",
+    "depth_change",
     "dilate_motion",
     "disocclusion",
     "estimate_variance",
@@ -673,14 +674,14 @@ class SVGF(Pipeline):
     Notes
     -----
     The method is that of Schied et al. [1]_, with their later gradient [2]_. Each step consists of this package's
-    functions and gives their bits: `motion_vectors`, `is_reflectance` (if there are ids), `demodulate`, `repetition`,
-    `reproject` (with `consistency`), `incoherent_guides`, `light_change` (without a replay), `suppress_fireflies`,
-    `temporal_gradient`, `virtual_motion` and `prediction_gain`, `accumulate`, `combine_histories` (with `later`),
-    `choice`, `estimate_variance`, `atrous`, `compare_candidates` and `innovation` (with the `exposure` of the history),
-    `remodulate`, those of `TAA`, `innovation` of its result and history (with the `exposure` of the result,
-    ``strictness=12, share=0.7``), and `converge` (with `average_still`). Of the history and of `later`, no more than
-    ``1 / alpha - 1`` samples count. The correction by a replay is an `innovation` of history, too: its samples are the
-    replayed ones' change, relative to the samples blurred by `atrous`.
+    functions and gives their bits: `motion_vectors`, `depth_change` (without cameras), `is_reflectance` (if there are
+    ids), `demodulate`, `repetition`, `reproject` (with `consistency`), `incoherent_guides`, `light_change` (without a
+    replay), `suppress_fireflies`, `temporal_gradient`, `virtual_motion` and `prediction_gain`, `accumulate`,
+    `combine_histories` (with `later`), `choice`, `estimate_variance`, `atrous`, `compare_candidates` and `innovation`
+    (with the `exposure` of the history), `remodulate`, those of `TAA`, `innovation` of its result and history (with
+    the `exposure` of the result, ``strictness=12, share=0.7``), and `converge` (with `average_still`). Of the history
+    and of `later`, no more than ``1 / alpha - 1`` samples count. The correction by a replay is an `innovation` of
+    history, too: its samples are the replayed ones' change, relative to the samples blurred by `atrous`.
 
     References
     ----------
@@ -972,16 +973,16 @@ class BMFR(Pipeline):
     Notes
     -----
     The method is that of Koskela et al. [1]_. Each step consists of this package's functions and gives their bits:
-    `motion_vectors`, `is_reflectance` (if there are ids), `demodulate`, `reproject` (with `consistency`),
-    `light_change` (with `innovation`, without a replay), `suppress_fireflies`, `temporal_gradient`, `accumulate`,
-    `exposure` (with `by_light`), `regress`, `blend`, `repetition`, `clip_history` and `restore_detail`,
-    `innovation`, `remodulate`, and those of `TAA`, corrected as in `SVGF`. From frame to frame the grid of blocks
-    is offset by (0, 0), (4, 4), (2, 6), (6, 2), (1, 3), (5, 7), (3, 1) and (7, 5) eighths of a block. Pixels with
-    black albedo are not fitted: they emit light or show background. The weight of the N-th fit is at least 1/N.
-    Detail is restored with a strictness of 0.7. It comes from the accumulated light of histories of at least 3.5
-    samples, clipped by ``clip_history(box="minmax", space="rgb", response="clamp")`` to the new samples, and its
-    variance is ``(m2 - m1²) / N``. With `by_light`, what exceeds both fit and own new sample is divided by
-    ``(1 + l / 16e)**2``: history beside a lamp contains some of it.
+    `motion_vectors`, `depth_change` (without cameras), `is_reflectance` (if there are ids), `demodulate`, `reproject`
+    (with `consistency`), `light_change` (with `innovation`, without a replay), `suppress_fireflies`,
+    `temporal_gradient`, `accumulate`, `exposure` (with `by_light`), `regress`, `blend`, `repetition`, `clip_history`
+    and `restore_detail`, `innovation`, `remodulate`, and those of `TAA`, corrected as in `SVGF`. From frame to frame
+    the grid of blocks is offset by (0, 0), (4, 4), (2, 6), (6, 2), (1, 3), (5, 7), (3, 1) and (7, 5) eighths of a
+    block. Pixels with black albedo are not fitted: they emit light or show background. The weight of the N-th fit is
+    at least 1/N. Detail is restored with a strictness of 0.7. It comes from the accumulated light of histories of at
+    least 3.5 samples, clipped by ``clip_history(box="minmax", space="rgb", response="clamp")`` to the new samples, and
+    its variance is ``(m2 - m1²) / N``. With `by_light`, what exceeds both fit and own new sample is divided by ``(1 +
+    l / 16e)**2``: history beside a lamp contains some of it.
 
     References
     ----------
@@ -1143,11 +1144,12 @@ class TAA(Pipeline):
     Notes
     -----
     Each step consists of this package's functions and gives their bits: `resolve` (with "blackman-harris", of frames
-    that tell their jitter, but for "textbook"), `motion_vectors`, `dilate_motion`, `reproject` without fallback,
-    `blend_factor`, `exposure`, `clip_history`, `alternation`, `anti_lag`, `temporal_gradient`
-    (``noise=2.2, passes=3, widest=5``), `blend`. The weight of a pixel's N-th sample is at least 1/N. With a gradient
-    λ, N is first shortened to N (1 - λ)¹⁰, and the weight a becomes ``lerp(a, 1, λ)``, as in `accumulate`. Preset
-    "karis" follows Karis [1]_, "filament" Google's Filament [2]_; Yang et al. [3]_ survey the field.
+    that tell their jitter, but for "textbook"), `motion_vectors`, `depth_change` (for tests of depth),
+    `dilate_motion`, `reproject` without fallback, `blend_factor`, `exposure`, `clip_history`, `alternation`,
+    `anti_lag`, `temporal_gradient` (``noise=2.2, passes=3, widest=5``), `blend`. The weight of a pixel's N-th sample
+    is at least 1/N. With a gradient λ, N is first shortened to N (1 - λ)¹⁰, and the weight a becomes ``lerp(a, 1,
+    λ)``, as in `accumulate`. Preset "karis" follows Karis [1]_, "filament" Google's Filament [2]_; Yang et al. [3]_
+    survey the field.
 
     References
     ----------
@@ -1652,6 +1654,52 @@ def virtual_motion(
     array([-0.4,  0. ], dtype=float32)
     >>> yester.virtual_motion(depth, np.full((4, 4), 5.0), camera, previous)[1, 1]
     array([-0.2059,  0.    ], dtype=float32)
+    """
+
+def depth_change(depth: ArrayLike, previous_depth: ArrayLike, motion: ArrayLike) -> float:
+    """Find the change of depth that most surfaces share, where neither motion nor cameras tell it.
+
+    Parameters
+    ----------
+    depth : (H, W) array_like of float
+        View-space z. Infinite, as of background, or NaN tells nothing.
+    previous_depth : (H, W) array_like of float
+        That of the previous frame.
+    motion : (H, W, 2) or (H, W, 3) array_like of float
+        As `motion_vectors` returns it. A third channel is not used.
+
+    Returns
+    -------
+    change : float
+        By how much the surfaces were farther away in the previous frame: the third channel of motion that
+        `motion_vectors` would give for most of them. 0 where they share no change.
+
+    Raises
+    ------
+    ValueError
+        On wrong shapes.
+
+    See Also
+    --------
+    motion_vectors : Exact changes of depth, from cameras.
+    reproject : Expects history at ``depth + motion[..., 2]``.
+
+    Notes
+    -----
+    A camera that moves by d along its view, without turning, changes the depth of all that rests by d. With Z the depth
+    and Z′ that of the pixel of the previous frame nearest to where the motion leads, let r(d) be the number of pixels
+    with ``|Z′ - Z - d| > (Z + d) / 10``, whose history the test of depth rejects. The change is ``m = median(Z′ - Z)``
+    where ``2 r(m) < r(0)`` and ``|m| < median(Z) / 4``, else 0. Every eighth pixel of every eighth row is looked at,
+    from the fourth on, of which 16 must be known.
+
+    Without the change, a dolly of a tenth of the distance a frame loses all history. The pipelines add it to motion of
+    two channels where cameras are unknown.
+
+    Examples
+    --------
+    >>> depth = np.random.default_rng(0).uniform(4, 6, size=(48, 64))
+    >>> yester.depth_change(depth, depth + 1, np.zeros((48, 64, 2)))
+    1.0
     """
 
 def dilate_motion(

@@ -10,6 +10,7 @@ use super::arrays::{
 };
 use crate::error::{Error, whole};
 use crate::image::Size;
+use crate::kernels::camera::depth_change::depth_change;
 use crate::kernels::camera::dilate::{self, Choice, Window};
 use crate::kernels::camera::jitter::{self, Sequence};
 use crate::kernels::camera::motion::{self, Geometry, Transforms};
@@ -661,6 +662,66 @@ pub fn virtual_motion_<'py>(
         })?
     };
     motion.array()
+}
+
+/// Find the change of depth that most surfaces share, where neither motion nor cameras tell it.
+///
+/// Parameters
+/// ----------
+/// depth : (H, W) array_like of float
+///     View-space z. Infinite, as of background, or NaN tells nothing.
+/// previous_depth : (H, W) array_like of float
+///     That of the previous frame.
+/// motion : (H, W, 2) or (H, W, 3) array_like of float
+///     As `motion_vectors` returns it. A third channel is not used.
+///
+/// Returns
+/// -------
+/// change : float
+///     By how much the surfaces were farther away in the previous frame: the third channel of motion that
+///     `motion_vectors` would give for most of them. 0 where they share no change.
+///
+/// Raises
+/// ------
+/// ValueError
+///     On wrong shapes.
+///
+/// See Also
+/// --------
+/// motion_vectors : Exact changes of depth, from cameras.
+/// reproject : Expects history at ``depth + motion[..., 2]``.
+///
+/// Notes
+/// -----
+/// A camera that moves by d along its view, without turning, changes the depth of all that rests by d. With Z the depth
+/// and Z′ that of the pixel of the previous frame nearest to where the motion leads, let r(d) be the number of pixels
+/// with ``|Z′ - Z - d| > (Z + d) / 10``, whose history the test of depth rejects. The change is ``m = median(Z′ - Z)``
+/// where ``2 r(m) < r(0)`` and ``|m| < median(Z) / 4``, else 0. Every eighth pixel of every eighth row is looked at,
+/// from the fourth on, of which 16 must be known.
+///
+/// Without the change, a dolly of a tenth of the distance a frame loses all history. The pipelines add it to motion of
+/// two channels where cameras are unknown.
+///
+/// Examples
+/// --------
+/// >>> depth = np.random.default_rng(0).uniform(4, 6, size=(48, 64))
+/// >>> yester.depth_change(depth, depth + 1, np.zeros((48, 64, 2)))
+/// 1.0
+#[pyfunction]
+#[pyo3(name = "depth_change")]
+pub fn depth_change_<'py>(
+    py: Python<'py>,
+    depth: &Bound<'py, PyAny>,
+    previous_depth: &Bound<'py, PyAny>,
+    motion: &Bound<'py, PyAny>,
+) -> PyResult<f32> {
+    let depth = Input::<f32>::new(depth, "depth", Channels::One)?;
+    let size = depth.size();
+    let previous = Input::<f32>::new(previous_depth, "previous_depth", Channels::One)?
+        .sized("previous_depth", size)?;
+    let motion = Input::<f32>::new(motion, "motion", MOTION)?.sized("motion", size)?;
+    let (depth, previous, motion) = (depth.pixels(), previous.pixels(), motion.pixels());
+    detached(py, || depth_change(depth, previous, motion))
 }
 
 /// Dilated motion: each pixel takes the motion of the nearest surface around it.

@@ -35,7 +35,8 @@ mod _core {
     use super::arrays::canonical;
     #[pymodule_export]
     use super::camera::{
-        Camera, dilate_motion, invert_motion_, jitter_, motion_vectors, virtual_motion_,
+        Camera, depth_change_, dilate_motion, invert_motion_, jitter_, motion_vectors,
+        virtual_motion_,
     };
     #[pymodule_export]
     use super::evidence::{

@@ -261,7 +261,7 @@ impl<'a> Inputs<'a> {
     fn new(frame: &'a Frame<'a>, surfaces: Option<&'a Surfaces>, memory: Option<&Memory>) -> Self {
         let camera = memory.and_then(|memory| memory.camera.as_ref());
         let mut used = vec![];
-        let motion = frame.motion(camera, &mut used);
+        let motion = frame.motion(camera, memory.and_then(Memory::depth), &mut used);
         let (surface, textured) = (&frame.surface, frame.albedo.is_some());
         let rays = frame.camera.as_ref().map(Camera::rays);
         let place = (frame.geometry()).and_then(|geometry| Place::new(geometry, rays));

@@ -98,6 +98,10 @@ impl Memory {
         }
     }
 
+    pub fn depth(&self) -> Option<Pixels<'_>> {
+        self.surface.surface().depth
+    }
+
     pub fn expects_replay(&self) -> bool {
         self.shown.is_some()
     }

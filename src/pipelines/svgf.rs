@@ -206,7 +206,8 @@ impl Svgf {
         let first = past.is_none();
         let before = past.as_ref().and_then(|past| past.memory.camera);
         let mut used = vec![];
-        let motion = frame.motion(before.as_ref(), &mut used);
+        let depth = past.as_ref().and_then(|past| past.memory.depth());
+        let motion = frame.motion(before.as_ref(), depth, &mut used);
         let rests = self.params.average_still && frame.rests(before.as_ref());
         let surfaces = surfaces(frame);
         (past.iter_mut()).for_each(|past| past.memory.reject_changed(surfaces.as_ref()));

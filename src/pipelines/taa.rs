@@ -422,10 +422,11 @@ impl Taa {
         let resolved = resolve_jitter(frame, filter, &mut used);
         let color = (resolved.as_ref()).map_or(frame.color, |(image, _)| image.pixels());
         let camera = before.as_ref().and_then(|before| before.camera.as_ref());
-        let motion = frame.motion(camera, &mut used);
-        let rays = camera.filter(|_| motion.tells_depth()).map(Camera::rays);
         let surface = before.as_ref().map(|before| before.surface.surface());
-        let tests = (params.limits).tests(frame.surface, surface.unwrap_or_default(), rays);
+        let surface = surface.unwrap_or_default();
+        let motion = frame.motion(camera, surface.depth, &mut used);
+        let rays = camera.filter(|_| motion.tells_depth()).map(Camera::rays);
+        let tests = (params.limits).tests(frame.surface, surface, rays);
         let depth = frame.surface.depth.filter(|_| params.dilate.is_some());
         used.extend(list_used(&tests, depth.is_some()));
         let compared = (source.filter(|_| params.choice))

@@ -155,7 +155,7 @@ impl Steps for Upscaler {
         }
         let (before, mut used) = (self.state.take(), vec![]);
         let camera = before.as_ref().and_then(|before| before.camera.as_ref());
-        let motion = frame.motion(camera, &mut used);
+        let motion = frame.motion(camera, None, &mut used);
         used.extend(names([
             ("depth", frame.surface.depth.is_some()),
             ("jitter", frame.jitter.is_some()),

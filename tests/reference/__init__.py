@@ -18,6 +18,7 @@ from .combine import combine_histories
 from .consistency import consistency
 from .converge import converge
 from .demodulate import demodulate, is_reflectance, remodulate
+from .depth_change import depth_change
 from .dilate import dilate_motion
 from .disocclusion import disocclusion
 from .exposure import exposure
@@ -77,6 +78,7 @@ __all__ = [
     "consistency",
     "converge",
     "demodulate",
+    "depth_change",
     "dilate_motion",
     "disocclusion",
     "estimate_variance",

@@ -12,6 +12,7 @@ from .blend_factor import blend_factor
 from .choice import levels
 from .collocation import collocate, collocation_shares
 from .consistency import consistency
+from .depth_change import depth_change
 from .dilate import dilate_motion
 from .exposure import exposure
 from .gradient import temporal_gradient
@@ -390,13 +391,17 @@ def find_still(frame, before) -> Tensor | None:
 def find_motion(frame, before) -> Tensor:
     """The frame's motion; else the cameras' motion; else none.
 
-    The cameras complete it where it is unknown, and, where both agree, by the change of depth.
+    The cameras complete it where it is unknown, and, where both agree, by the change of depth. Without cameras, motion
+    of two channels gets the change that most surfaces share, if any.
     """
     motion, still = frame.motion, find_still(frame, before)  # (H, W, 2|3), (H, W, 3)
     if motion is None:
         return torch.zeros_like(frame.color[..., :2]) if still is None else still  # (H, W, 2|3)
     if still is None:
-        return motion
+        depths = [None if each is None else each.depth for each in (frame, before)]
+        if motion.shape[-1] == 3 or None in depths or not (change := depth_change(*depths, motion)):
+            return motion
+        return torch.cat([motion, torch.full_like(motion[..., :1], change)], -1)  # (H, W, 3)
     missed = frame.depth.isposinf() if frame.position is None else ~frame.position.isfinite().all(-1)  # (H, W)
     known = motion[..., :2].isfinite().all(-1) & ~((motion[..., :2] == 0).all(-1) & missed)  # (H, W)
     filled = motion.shape[-1] == 2 or not known[::4].all()

@@ -109,11 +109,12 @@ use crate::pipelines::taa;
 /// Notes
 /// -----
 /// Each step consists of this package's functions and gives their bits: `resolve` (with "blackman-harris", of frames
-/// that tell their jitter, but for "textbook"), `motion_vectors`, `dilate_motion`, `reproject` without fallback,
-/// `blend_factor`, `exposure`, `clip_history`, `alternation`, `anti_lag`, `temporal_gradient`
-/// (``noise=2.2, passes=3, widest=5``), `blend`. The weight of a pixel's N-th sample is at least 1/N. With a gradient
-/// λ, N is first shortened to N (1 - λ)¹⁰, and the weight a becomes ``lerp(a, 1, λ)``, as in `accumulate`. Preset
-/// "karis" follows Karis [1]_, "filament" Google's Filament [2]_; Yang et al. [3]_ survey the field.
+/// that tell their jitter, but for "textbook"), `motion_vectors`, `depth_change` (for tests of depth),
+/// `dilate_motion`, `reproject` without fallback, `blend_factor`, `exposure`, `clip_history`, `alternation`,
+/// `anti_lag`, `temporal_gradient` (``noise=2.2, passes=3, widest=5``), `blend`. The weight of a pixel's N-th sample
+/// is at least 1/N. With a gradient λ, N is first shortened to N (1 - λ)¹⁰, and the weight a becomes ``lerp(a, 1,
+/// λ)``, as in `accumulate`. Preset "karis" follows Karis [1]_, "filament" Google's Filament [2]_; Yang et al. [3]_
+/// survey the field.
 ///
 /// References
 /// ----------

@@ -1,5 +1,6 @@
 //! Where was this point?
 
+pub mod depth_change;
 pub mod dilate;
 pub mod jitter;
 pub mod motion;

@@ -4,6 +4,7 @@ use std::ops::Range;
 
 use super::Frame;
 use crate::image::{BandMut, Image, Pixels, SEGMENT, Size, segments};
+use crate::kernels::camera::depth_change::depth_change;
 use crate::kernels::camera::motion::{Geometry, Transforms, is_still, motion_vectors};
 use crate::kernels::camera::pinhole::Camera;
 use crate::math::is_present;
@@ -23,10 +24,12 @@ impl<'a> Frame<'a> {
     }
 
     /// The motion that came with the frame; else that of a still scene, if both cameras and the geometry are known; else
-    /// zero. The cameras complete it where it is unknown, and if it came without change of depth.
+    /// zero. The cameras complete it where it is unknown, and if it came without change of depth; without them, the depth of
+    /// the previous frame tells a change that most surfaces share.
     pub(in crate::pipelines) fn motion(
         &self,
         previous: Option<&Camera>,
+        previous_depth: Option<Pixels>,
         used: &mut Vec<&'static str>,
     ) -> Motion<'a> {
         let size = self.color.size;
@@ -43,9 +46,10 @@ impl<'a> Frame<'a> {
         match (self.motion.zip(self.geometry()), still) {
             (Some((motion, geometry)), Some(still)) => complete(motion, geometry, still),
             (None, Some(still)) => Motion::Computed(still),
-            (_, None) => {
-                (self.motion).map_or_else(|| Motion::Computed(Image::new(size, 2)), Motion::Given)
-            }
+            (_, None) => match self.motion {
+                Some(motion) => approach(motion, self.surface.depth.zip(previous_depth)),
+                None => Motion::Computed(Image::new(size, 2)),
+            },
         }
     }
 
@@ -116,6 +120,25 @@ fn has_unknown(motion: Pixels, geometry: Geometry) -> bool {
     })
 }
 
+/// Adds the change of depth that most surfaces share, if any, to a motion of two channels, given the depths now and before.
+fn approach<'a>(motion: Pixels<'a>, depths: Option<(Pixels, Pixels)>) -> Motion<'a> {
+    let depths = depths.filter(|_| motion.channels == 2);
+    let change = depths.map_or(0.0, |(now, before)| depth_change(now, before, motion));
+    if change == 0.0 {
+        return Motion::Given(motion);
+    }
+    let size = motion.size;
+    let mut changed = Image::blank(size, 3);
+    let (plane, pixels) = (size.pixels(), changed.data_mut());
+    pixels[2 * plane..].fill(change);
+    let (x, y) = pixels[..2 * plane].split_at_mut(plane);
+    for run in (0..size.height).flat_map(|y| segments(y, size.width)) {
+        let at = run.y * size.width + run.x;
+        motion.read(run, [&mut x[at..][..run.len], &mut y[at..][..run.len]]);
+    }
+    Motion::Completed(changed)
+}
+
 /// Puts the still scene's motion where motion is unknown, and adds the change of depth to a motion of two channels: the still
 /// scene's where both motions agree, 0 elsewhere, so that an object that moves by itself is expected to keep its depth.
 fn complete<'a>(motion: Pixels, geometry: Geometry, mut still: Image) -> Motion<'a> {
@@ -162,7 +185,7 @@ pub enum Motion<'a> {
     Given(Pixels<'a>),
     /// Of a still scene, from the cameras, everywhere or where none was given; or zero.
     Computed(Image),
-    /// Given without change of depth, which the cameras added.
+    /// Given without change of depth, which cameras or the previous depth added.
     Completed(Image),
 }
 

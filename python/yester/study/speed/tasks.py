@@ -235,6 +235,7 @@ _MIX = 16 + 22
 TASKS = (
     Task("motion_vectors", "motion_vectors", _MOVED),
     Task("virtual_motion", "virtual_motion", {**_MOVED, "hit_distance": "hit_distance"}),
+    Task("depth_change", "depth_change", _named("depth", "previous_depth", "motion")),
     Task("dilate_motion", "dilate_motion", _named("motion", "depth")),
     Task("invert_motion", "invert_motion", _named("motion", "depth", still="motion")),
     Task("disocclusion", "disocclusion", _named("depth", "motion")),
