@@ -164,7 +164,7 @@ def calls(height: int = 6, width: int = 9, seed: int = 0) -> dict[str, tuple[Cal
         ),
         "atrous(history_length)": (
             yester.atrous,
-            {"color": color, "variance": light**2, "history_length": length},
+            {"color": color, "variance": light**2, "history_length": length, "tap_exposure": 0.5},
         ),
         "regress": (
             yester.regress,

@@ -520,6 +520,7 @@ class SVGF:
         radius=1,
         sigma_luminance=3.0,
         relative_noise=2.5,
+        tap_exposure=16.0,
         sigma_normal=64.0,
         sigma_depth=0.5,
         sigma_plane=0.05,
@@ -550,6 +551,7 @@ class SVGF:
         }
         self.filter = {"radius": radius, "sigma_luminance": sigma_luminance}
         self.relative_noise = np.inf if average_still else relative_noise
+        self.tap_exposure = np.inf if average_still else tap_exposure
         self.iterations, self.min_length = iterations, min_length
         self.feedback, self.gradient, self.fireflies = feedback, gradient, fireflies
         self.by_confidence, self.same_albedo = by_confidence, relative_albedo is not None
@@ -690,8 +692,10 @@ class SVGF:
 
         def smooth(passes: int):
             known = {} if prediction is None else {"prediction": prediction}
-            if is_unguided(frame) and np.isfinite(self.relative_noise) and not self.repeats:
-                known |= {"history_length": length, "relative_noise": self.relative_noise}
+            if not self.repeats:
+                noise = self.relative_noise if is_unguided(frame) else np.inf
+                tone = np.float32(self.tap_exposure) * np.float32(bright)
+                known |= {"history_length": length, "relative_noise": noise, "tap_exposure": tone}
             return yester.atrous(color, variance, iterations=passes, **known, **self.filter, **alike)
 
         first, second = (smooth(min(passes, usual))[0] for passes in (1, 2))

@@ -100,7 +100,8 @@ def test_reference_of_predictions(seed, size, buffers, holes, missing, **named):
     predicted=st.booleans(),
     iterations=st.sampled_from([0, 1, 2, 5]),
     radius=st.sampled_from([1, 2]),
-    relative_noise=st.sampled_from([0.1, 2.0, 1e6]),
+    relative_noise=st.sampled_from([0.1, 2.0, 1e6, np.inf]),
+    tap_exposure=st.sampled_from([None, 0.01, 1.0, 100.0, np.inf]),
 )
 def test_reference_of_limits(seed, size, buffers, missing, predicted, **named):
     rng = np.random.default_rng(seed)
@@ -126,6 +127,24 @@ def test_light_does_not_leak_into_the_dark():
     np.testing.assert_allclose(got[dark], 0.1, rtol=1e-3)
     free, _ = yester.atrous(color, variance, history_length=length, relative_noise=np.inf)
     np.testing.assert_array_equal(free, yester.atrous(color, variance)[0])
+
+
+def test_brighter_taps_weigh_less():
+    """The darker, the less of a lamp's light is in it; pixels of few samples are not darkened."""
+    rng = np.random.default_rng(5)
+    color = np.where(rng.random((32, 32, 1)) < 0.05, 100, 0.1) * np.ones(3)
+    length, endless = np.full((32, 32), 4.0), np.full((32, 32), 1e9)
+    plain, _ = yester.atrous(color, endless)
+    darker, _ = yester.atrous(color, endless, history_length=length, relative_noise=np.inf, tap_exposure=1)
+    assert plain.mean() > 3
+    assert darker.mean() < 1
+    for few in (length - 1, np.where(rng.random((32, 32)) < 0.5, 4.0, 3.0)):
+        some, _ = yester.atrous(color, endless, history_length=few, relative_noise=np.inf, tap_exposure=1)
+        assert some.mean() > 1
+    least, _ = yester.atrous(color, endless, history_length=length, relative_noise=np.inf, tap_exposure=1e9)
+    np.testing.assert_allclose(least, plain, rtol=1e-5)
+    with pytest.raises(ValueError, match="tap_exposure: needs history_length"):
+        yester.atrous(color, endless, tap_exposure=1)
 
 
 @pytest.mark.parametrize("radius", [1, 2])

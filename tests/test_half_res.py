@@ -275,6 +275,7 @@ def test_sizes_that_do_not_fit():
         ("iterations", [-1, 17]),
         ("sigma_luminance", [0, -1, np.nan]),
         ("relative_noise", [0, -1, np.nan]),
+        ("tap_exposure", [0, -1, np.nan]),
         ("reflections", [[0.0], [np.nan]]),
     ],
 )

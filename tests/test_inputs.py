@@ -261,6 +261,7 @@ RANGES = {
         **SIGMAS,
         "sigma_luminance": [0, -1, np.nan],
         "relative_noise": [0, -1, np.nan],
+        "tap_exposure": [0, -1, np.nan],
         "iterations": [-1, 17],
         "radius": [0, 3],
     },

@@ -582,6 +582,9 @@ class SVGF(Pipeline):
         Most standard deviation of one sample that the filter expects, in multiples of the light around it (`atrous`),
         in frames without normals, ids and albedo, where edges look like noise; above 0, +inf for no limit. With
         `average_still`, there is none.
+    tap_exposure : float, default 16.0
+        The light above which brighter taps of the filter weigh less (`atrous`), in multiples of the exposure; above 0,
+        +inf to weigh all alike. With `average_still`, they do.
     sigma_normal : float, default 64.0
         Sharpness of the filter's normal weight; from 0.
     sigma_depth, sigma_plane : float, default 0.5 and 0.05
@@ -711,6 +714,7 @@ class SVGF(Pipeline):
         radius: int = 1,
         sigma_luminance: float = 3.0,
         relative_noise: float = 2.5,
+        tap_exposure: float = 16.0,
         sigma_normal: float = 64.0,
         sigma_depth: float = 0.5,
         sigma_plane: float = 0.05,
@@ -823,7 +827,7 @@ class HalfRes(SVGF):
         Passes of the spatial filter, 0 to 16.
     sigma_luminance : float, default 4.0
         The filter's scale of luminance differences, in standard deviations; above 0.
-    relative_noise : float, default 2.0
+    relative_noise, tap_exposure : float, default 2.0 and 16.0
         As in `SVGF`.
     by_confidence, fireflies : bool, default False
         As in `SVGF`.
@@ -881,6 +885,7 @@ class HalfRes(SVGF):
         iterations: int = 4,
         sigma_luminance: float = 4.0,
         relative_noise: float = 2.0,
+        tap_exposure: float = 16.0,
         by_confidence: bool = False,
         fireflies: bool = False,
         reflections: Sequence[float] = (0.4, 1.2),
@@ -3750,6 +3755,7 @@ def atrous(
     radius: int = 2,
     sigma_luminance: float = 4.0,
     relative_noise: float = 2.5,
+    tap_exposure: float | None = None,
     sigma_normal: float = 128.0,
     sigma_depth: float = 0.5,
     sigma_plane: float = 0.05,
@@ -3785,6 +3791,9 @@ def atrous(
     relative_noise : float, default 2.5
         Most standard deviation of one sample that is expected, in multiples of the light around it, with
         `history_length`; above 0, may be +inf.
+    tap_exposure : float, optional
+        The light above which taps that are brighter than the centre weigh less, as light that leaks into the dark is
+        seen more than dark that leaks into light; above 0. Needs `history_length`. By default all weigh alike.
     sigma_normal : float, default 128.0
         Sharpness of the normal weight; from 0. About the exponent in (n·n')^sigma_normal, less where normals are rough.
     sigma_depth, sigma_plane : float, default 0.5 and 0.05
@@ -3829,6 +3838,9 @@ def atrous(
     - ``el = |l - l'| / (sigma_luminance √(3×3 Gaussian of variance) + |l|/1000)``, l being the luminance of the colour,
       or the prediction. With `history_length`, the root is at most ``relative_noise L / √N``, where N is the number of
       samples, at least 1, and L the 3×3 Gaussian of the luminance of `color`, at least 0, missing pixels being black.
+
+    With `tap_exposure` e, the weights of taps that are brighter before the first pass are also multiplied by
+    ``((e + l) / (e + l'))²``, with l at least 0, where both pixels have 3.5 samples or more.
 
     Colour is ``Σwc/Σw`` and variance ``Σw²v/(Σw)²``. The filter is that of Dammertz et al. [2]_, its guidance by
     variance that of SVGF ([3]_, section 4.3). SVGF's own ``ez``, ``|Z - Z'| / (sigma_depth |∇Z·Δ|)``, is 1 for every
@@ -3866,6 +3878,7 @@ def atrous(
     radius: int = 2,
     sigma_luminance: float = 4.0,
     relative_noise: float = 2.5,
+    tap_exposure: float | None = None,
     sigma_normal: float = 128.0,
     sigma_depth: float = 0.5,
     sigma_plane: float = 0.05,
@@ -3901,6 +3914,9 @@ def atrous(
     relative_noise : float, default 2.5
         Most standard deviation of one sample that is expected, in multiples of the light around it, with
         `history_length`; above 0, may be +inf.
+    tap_exposure : float, optional
+        The light above which taps that are brighter than the centre weigh less, as light that leaks into the dark is
+        seen more than dark that leaks into light; above 0. Needs `history_length`. By default all weigh alike.
     sigma_normal : float, default 128.0
         Sharpness of the normal weight; from 0. About the exponent in (n·n')^sigma_normal, less where normals are rough.
     sigma_depth, sigma_plane : float, default 0.5 and 0.05
@@ -3945,6 +3961,9 @@ def atrous(
     - ``el = |l - l'| / (sigma_luminance √(3×3 Gaussian of variance) + |l|/1000)``, l being the luminance of the colour,
       or the prediction. With `history_length`, the root is at most ``relative_noise L / √N``, where N is the number of
       samples, at least 1, and L the 3×3 Gaussian of the luminance of `color`, at least 0, missing pixels being black.
+
+    With `tap_exposure` e, the weights of taps that are brighter before the first pass are also multiplied by
+    ``((e + l) / (e + l'))²``, with l at least 0, where both pixels have 3.5 samples or more.
 
     Colour is ``Σwc/Σw`` and variance ``Σw²v/(Σw)²``. The filter is that of Dammertz et al. [2]_, its guidance by
     variance that of SVGF ([3]_, section 4.3). SVGF's own ``ez``, ``|Z - Z'| / (sigma_depth |∇Z·Δ|)``, is 1 for every

@@ -5,8 +5,9 @@ use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
 use super::arrays::{
-    COLOR, Channels, Direct, Input, Out, Outgoing, detached, parts, refuse_mask, wrong_type,
+    COLOR, Channels, Direct, Input, Out, Outgoing, detached, needs, parts, refuse_mask, wrong_type,
 };
+use crate::error::in_range;
 use crate::image::Size;
 use crate::kernels::fetch::validate::Surface;
 use crate::kernels::smooth::demodulate::{self, Texture, Way};
@@ -268,6 +269,9 @@ pub fn restore_detail_<'py>(
 /// relative_noise : float, default 2.5
 ///     Most standard deviation of one sample that is expected, in multiples of the light around it, with
 ///     `history_length`; above 0, may be +inf.
+/// tap_exposure : float, optional
+///     The light above which taps that are brighter than the centre weigh less, as light that leaks into the dark is
+///     seen more than dark that leaks into light; above 0. Needs `history_length`. By default all weigh alike.
 /// sigma_normal : float, default 128.0
 ///     Sharpness of the normal weight; from 0. About the exponent in (n·n')^sigma_normal, less where normals are rough.
 /// sigma_depth, sigma_plane : float, default 0.5 and 0.05
@@ -313,6 +317,9 @@ pub fn restore_detail_<'py>(
 ///   or the prediction. With `history_length`, the root is at most ``relative_noise L / √N``, where N is the number of
 ///   samples, at least 1, and L the 3×3 Gaussian of the luminance of `color`, at least 0, missing pixels being black.
 ///
+/// With `tap_exposure` e, the weights of taps that are brighter before the first pass are also multiplied by
+/// ``((e + l) / (e + l'))²``, with l at least 0, where both pixels have 3.5 samples or more.
+///
 /// Colour is ``Σwc/Σw`` and variance ``Σw²v/(Σw)²``. The filter is that of Dammertz et al. [2]_, its guidance by
 /// variance that of SVGF ([3]_, section 4.3). SVGF's own ``ez``, ``|Z - Z'| / (sigma_depth |∇Z·Δ|)``, is 1 for every
 /// tap on an inclined plane, where the one above is 0.
@@ -335,7 +342,8 @@ pub fn restore_detail_<'py>(
 /// True
 #[pyfunction]
 #[pyo3(signature = (color, variance, *, prediction=None, history_length=None, depth=None, normal=None, ids=None,
-    iterations=5, radius=2, sigma_luminance=4.0, relative_noise=2.5, sigma_normal=128.0, sigma_depth=0.5, sigma_plane=0.05, out=None))]
+    iterations=5, radius=2, sigma_luminance=4.0, relative_noise=2.5, tap_exposure=None, sigma_normal=128.0,
+    sigma_depth=0.5, sigma_plane=0.05, out=None))]
 #[pyo3(name = "atrous")]
 pub fn atrous_<'py>(
     py: Python<'py>,
@@ -350,6 +358,7 @@ pub fn atrous_<'py>(
     radius: i128,
     sigma_luminance: f32,
     relative_noise: f32,
+    tap_exposure: Option<f32>,
     sigma_normal: f32,
     sigma_depth: f32,
     sigma_plane: f32,
@@ -374,6 +383,12 @@ pub fn atrous_<'py>(
         let variance =
             Input::<f32>::new(variance, "variance", Channels::One)?.sized("variance", size)?;
         let prediction = Input::<f32>::optional(prediction, "prediction", Channels::One, size)?;
+        if let Some(exposure) = tap_exposure {
+            in_range("tap_exposure", exposure, "a number above 0", |v| v > 0.0)?;
+            if history_length.is_none() {
+                return Err(needs("tap_exposure", "history_length"));
+            }
+        }
         let length = Input::<f32>::optional(history_length, "history_length", Channels::One, size)?;
         let guide = GuideArgs::new(size, depth, normal, ids)?;
         let (shape, flat) = (color.shape(), [size.height, size.width]);
@@ -401,6 +416,7 @@ pub fn atrous_<'py>(
             variance: variance.pixels(),
             prediction: prediction.as_ref().map(|image| image.pixels()),
             samples: length.as_ref().map(|image| image.pixels()),
+            exposure: tap_exposure.unwrap_or(f32::INFINITY),
         };
         let guide = guide.surface();
         let (filtered, filtered_variance) = (out.0.data()?, out.1.data()?);

@@ -580,6 +580,7 @@ proptest! {
             variance: noise.pixels(),
             prediction: predicted.as_ref().map(Image::pixels),
             samples: limited.then(|| length.pixels()),
+            exposure: draw.of(&ABOVE_0),
         };
         let guide = draw.guide(params.reach());
         let mut prediction = predicted.as_ref().map(|_| vec![f32::NAN; n]);

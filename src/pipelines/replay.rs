@@ -135,6 +135,7 @@ fn blurred(image: &Image, variance: Pixels) -> Image {
         variance,
         prediction: None,
         samples: None,
+        exposure: f32::INFINITY,
     };
     atrous(source, &guide, params, out, rest.data_mut(), None);
     mean

@@ -103,6 +103,7 @@ impl Svgf {
         params.check()?;
         if params.average_still {
             params.atrous.relative_noise = f32::INFINITY;
+            params.tap_exposure = f32::INFINITY;
             if let Some(stage) = &mut params.antialias {
                 (stage.unguided_alpha, stage.guided_exposure) = (0.0, 0.0);
             }
@@ -362,6 +363,7 @@ fn run(
         &reports,
         &mut history,
         joined.history,
+        exposure,
         choices,
     );
     drop(guide);
@@ -476,10 +478,11 @@ impl Current<'_> {
         }
     }
 
-    /// The exposure of the history, the unit in which choice and innovation measure errors; 1 if neither is on.
+    /// The exposure of the history, the unit in which the filter, choice and innovation measure light; 1 if none of them does.
     fn exposure(&self, history: &Records) -> f32 {
-        let judged = self.params.choice.is_some() || self.params.history.innovation.is_some();
-        if judged {
+        let params = self.params;
+        let judged = params.choice.is_some() || params.history.innovation.is_some();
+        if judged || params.tap_exposure.is_finite() {
             exposure(history.pixels().part(0..3))
         } else {
             1.0

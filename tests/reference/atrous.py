@@ -1,3 +1,5 @@
+import math
+
 import torch
 from torch import Tensor
 
@@ -25,6 +27,7 @@ def atrous(
     radius=2,
     sigma_luminance=4.0,
     relative_noise=2.5,
+    tap_exposure=None,
     margin=False,
     **similarity,
 ) -> tuple[Tensor, ...]:
@@ -33,7 +36,8 @@ def atrous(
     w = h·exp(-[surface + |l - l'| / (sigma_luminance·√g + 1e-3·|l|)]), colour = Σwc / Σw, variance = Σw²v / (Σw)².
     Source: Dammertz et al. 2010; Schied et al. 2017, section 4.4. l is the luminance of each pass's input, or a
     prediction of it, which becomes Σwl / Σw. √g is at most relative_noise·L/√N, with L the luminance of the unfiltered
-    colour, blurred as the variance, and N samples.
+    colour, blurred as the variance, and N samples. Of two pixels of 3.5 samples or more, a tap that is brighter before
+    the first pass has its weight multiplied by ((tap_exposure + l) / (tap_exposure + l'))^2.
 
     Parameters
     ----------
@@ -41,6 +45,7 @@ def atrous(
     variance : (H, W), of the luminance
     prediction : (H, W), of the luminance; where it is not finite, the colour's
     history_length : (H, W), the number of samples; without it, √g has no bound
+    tap_exposure : without it, brighter taps weigh no less
     margin : also return the smallest sum of weights (H, W) of any pass
     **similarity : depth, normal, ids and their sigmas, see `similarity.Similarity`
 
@@ -56,11 +61,14 @@ def atrous(
     variance = variance.where(variance.isfinite(), 0)  # (H, W)
     light = luminance(color)  # (H, W), NaN where the colour is missing
     most = torch.full_like(variance, torch.inf)  # (H, W)
-    if history_length is not None:
+    if history_length is not None and relative_noise < math.inf:
         around = _gaussian(light.nan_to_num(0)).clamp(min=0)  # (H, W)
         most = relative_noise * around / history_length.nan_to_num(1).clamp(min=1).sqrt()  # (H, W)
     if prediction is not None:
         light = prediction.where(prediction.isfinite() & light.isfinite(), light)  # (H, W)
+    tone = torch.full_like(variance, torch.nan)  # (H, W), NaN where brighter taps weigh no less
+    if tap_exposure is not None:
+        tone = (tap_exposure + light.clamp(min=0)).where(history_length >= 3.5, torch.nan)  # (H, W)
     least = torch.full_like(variance, torch.inf)  # (H, W)
     for i in range(iterations):
         step, kernel = 2**i, KERNELS[radius]
@@ -79,6 +87,8 @@ def atrous(
                 exponent = exponent + brighter.where(finite, 0)  # (H, W)
                 weight = kernel[abs(dx)] * kernel[abs(dy)] * torch.exp(-exponent)  # (H, W)
                 weight = weight.where(same & shift(finite, x, y, False) & (weight >= CUT), 0)  # (H, W)
+                brightness = tone / shift(tone, x, y, torch.nan)  # (H, W)
+                weight = weight * torch.where(brightness < 1, brightness * brightness, 1)  # (H, W)
                 colors += weight[..., None] * shift(clean, x, y, 0)  # (H, W, 3)
                 variances += weight * weight * shift(variance, x, y, 0)  # (H, W)
                 lights += weight * shift(light, x, y, 0)  # (H, W)

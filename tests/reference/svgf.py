@@ -61,6 +61,7 @@ class SVGF:
         radius=1,
         sigma_luminance=3.0,
         relative_noise=2.5,
+        tap_exposure=16.0,
         sigma_normal=64.0,
         sigma_depth=0.5,
         sigma_plane=0.05,
@@ -88,7 +89,7 @@ class SVGF:
             "normal_angle": normal_angle,
             "motion_difference": motion_difference,
         }
-        self.relative_noise = relative_noise
+        self.relative_noise, self.tap_exposure = relative_noise, tap_exposure
         self.min_length, self.feedback = min_length, feedback
         self.gradient, self.fireflies = gradient, fireflies
         self.chooses, self.innovation, self.antialias = choice, innovation, antialias
@@ -189,8 +190,9 @@ class SVGF:
 
         def filtered(passes: int) -> tuple[Tensor, ...]:
             named = {"prediction": prediction, "iterations": passes, **self.filter, **similarity}
-            if is_unguided(frame) and not self.repeats:
-                named |= {"history_length": length, "relative_noise": self.relative_noise}
+            if not self.repeats:
+                noise = self.relative_noise if is_unguided(frame) else torch.inf
+                named |= {"history_length": length, "relative_noise": noise, "tap_exposure": self.tap_exposure * bright}
             return atrous(color, variance, **named)  # (H, W, 3), (H, W), and (H, W) if anything is predicted
 
         if chooses:

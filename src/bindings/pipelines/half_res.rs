@@ -30,7 +30,7 @@ use crate::pipelines::{history, svgf};
 ///     Passes of the spatial filter, 0 to 16.
 /// sigma_luminance : float, default 4.0
 ///     The filter's scale of luminance differences, in standard deviations; above 0.
-/// relative_noise : float, default 2.0
+/// relative_noise, tap_exposure : float, default 2.0 and 16.0
 ///     As in `SVGF`.
 /// by_confidence, fireflies : bool, default False
 ///     As in `SVGF`.
@@ -85,10 +85,10 @@ pub struct HalfRes;
 impl HalfRes {
     #[new]
     #[pyo3(signature = (*, alpha=0.2, weight=0.3, radius=2, iterations=4, sigma_luminance=4.0, relative_noise=2.0,
-        by_confidence=false, fireflies=false, reflections=vec![0.4, 1.2], choice=None, innovation=true, antialias=true))]
+        tap_exposure=16.0, by_confidence=false, fireflies=false, reflections=vec![0.4, 1.2], choice=None, innovation=true, antialias=true))]
     #[pyo3(
         text_signature = "(*, alpha=0.2, weight=0.3, radius=2, iterations=4, sigma_luminance=4.0, \
-        relative_noise=2.0, by_confidence=False, fireflies=False, reflections=(0.4, 1.2), choice=None, innovation=True, antialias=True)"
+        relative_noise=2.0, tap_exposure=16.0, by_confidence=False, fireflies=False, reflections=(0.4, 1.2), choice=None, innovation=True, antialias=True)"
     )]
     fn new(
         alpha: f32,
@@ -97,6 +97,7 @@ impl HalfRes {
         iterations: i128,
         sigma_luminance: f32,
         relative_noise: f32,
+        tap_exposure: f32,
         by_confidence: bool,
         fireflies: bool,
         reflections: Vec<f32>,
@@ -122,6 +123,7 @@ impl HalfRes {
                 relative_noise,
                 ..whole.atrous
             },
+            tap_exposure,
             reflections,
             choice: whole.choice.filter(|_| choice != Some(false)),
             choice_with_albedo: choice == Some(true),

@@ -36,6 +36,9 @@ use crate::pipelines::{history, svgf, taa};
 ///     Most standard deviation of one sample that the filter expects, in multiples of the light around it (`atrous`),
 ///     in frames without normals, ids and albedo, where edges look like noise; above 0, +inf for no limit. With
 ///     `average_still`, there is none.
+/// tap_exposure : float, default 16.0
+///     The light above which brighter taps of the filter weigh less (`atrous`), in multiples of the exposure; above 0,
+///     +inf to weigh all alike. With `average_still`, they do.
 /// sigma_normal : float, default 64.0
 ///     Sharpness of the filter's normal weight; from 0.
 /// sigma_depth, sigma_plane : float, default 0.5 and 0.05
@@ -164,14 +167,14 @@ pub struct SVGF {
 impl SVGF {
     #[new]
     #[pyo3(signature = (*, alpha=0.2, moments_alpha=0.2, iterations=3, radius=1, sigma_luminance=3.0,
-        relative_noise=2.5, sigma_normal=64.0, sigma_depth=0.5, sigma_plane=0.05, relative_depth=Threshold::hard(0.1),
-        plane_distance=Threshold::hard(0.01), normal_angle=Threshold::hard(25.0), motion_difference=Threshold::hard(0.2),
+        relative_noise=2.5, tap_exposure=16.0, sigma_normal=64.0, sigma_depth=0.5, sigma_plane=0.05,
+        relative_depth=Threshold::hard(0.1), plane_distance=Threshold::hard(0.01), normal_angle=Threshold::hard(25.0), motion_difference=Threshold::hard(0.2),
         relative_albedo=None, min_length=3.5, feedback=false, by_confidence=false, gradient=true, fireflies=false,
         reflections=vec![0.4, 1.2], choice=true, innovation=true, antialias=true, average_still=false, coherence=true))]
     #[pyo3(
         text_signature = "(*, alpha=0.2, moments_alpha=0.2, iterations=3, radius=1, sigma_luminance=3.0, \
-        relative_noise=2.5, sigma_normal=64.0, sigma_depth=0.5, sigma_plane=0.05, relative_depth=0.1, plane_distance=0.01, \
-        normal_angle=25.0, motion_difference=0.2, relative_albedo=None, min_length=3.5, feedback=False, by_confidence=False, \
+        relative_noise=2.5, tap_exposure=16.0, sigma_normal=64.0, sigma_depth=0.5, sigma_plane=0.05, relative_depth=0.1, \
+        plane_distance=0.01, normal_angle=25.0, motion_difference=0.2, relative_albedo=None, min_length=3.5, feedback=False, by_confidence=False, \
         gradient=True, fireflies=False, reflections=(0.4, 1.2), choice=True, innovation=True, antialias=True, average_still=False, \
         coherence=True)"
     )]
@@ -182,6 +185,7 @@ impl SVGF {
         radius: i128,
         sigma_luminance: f32,
         relative_noise: f32,
+        tap_exposure: f32,
         sigma_normal: f32,
         sigma_depth: f32,
         sigma_plane: f32,
@@ -247,6 +251,7 @@ impl SVGF {
                 relative_noise,
                 sigmas,
             },
+            tap_exposure,
             feedback,
             choice: default.choice.filter(|_| choice),
             reflections,

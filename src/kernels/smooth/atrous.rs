@@ -23,6 +23,11 @@
 //! 3×3 Gaussian: the noise of one sample is taken to be at most k times the light around it. The price: rare bright samples
 //! are noisier than that, and less of their noise is filtered.
 //!
+//! **Brighter taps.** Light from a lamp, or from one lucky sample, harms the dark around it more than a lack of dark harms the
+//! lamp. Where an exposure e is given, the weight of a tap whose luminance l′ before the first pass is above the centre's l is
+//! multiplied by ((e + l) / (e + l′))². Not for pixels of fewer than [`SETTLED`] samples: their noise has yet to be averaged, and
+//! a filter that prefers the dark would darken it. Karis 2013 (*Tone mapping*) weighs samples by 1 / (1 + l) to the same end.
+//!
 //! Inputs: colour (3), variance (1) of its luminance, prediction (1) and number of samples (1), both optional, guide. Outputs:
 //! the first three.
 
@@ -115,6 +120,10 @@ const LUMINANCE: usize = 3;
 const IN_PLACE: usize = 4;
 const VARIANCES: [usize; 2] = [4, 5];
 
+/// Fewest samples of a mean that is settled enough to be told from brighter ones. Not a whole number, so that rounding of
+/// resampled lengths does not decide.
+const SETTLED: f32 = 3.5;
+
 /// What is filtered.
 #[derive(Clone, Copy)]
 pub struct Source<'a> {
@@ -126,6 +135,8 @@ pub struct Source<'a> {
     pub prediction: Option<Pixels<'a>>,
     /// Samples that a pixel is the mean of, if they limit the noise that is expected.
     pub samples: Option<Pixels<'a>>,
+    /// The light above which brighter taps weigh less, with `samples`; +∞ if they do not.
+    pub exposure: f32,
 }
 
 /// Writes the filtered colour and variance, and the prediction if there is one.
@@ -138,9 +149,11 @@ pub fn atrous<'a>(
     filtered_prediction: Option<&mut [f32]>,
 ) {
     let size = source.color.size;
-    let mut image = Filtered::new(guide.layout, source.prediction.is_some());
+    let weighs = source.samples.is_some() && source.exposure.is_finite();
+    let mut image = Filtered::new(guide.layout, source.prediction.is_some(), weighs);
     rows::run(&Load(source), size.height, image.bands());
-    if let Some(samples) = source.samples {
+    let limited = |_: &Pixels| params.relative_noise.is_finite();
+    if let Some(samples) = source.samples.filter(limited) {
         image.limit(source.color, samples, params.relative_noise);
     }
     for iteration in 0..params.iterations {
@@ -166,10 +179,13 @@ pub(crate) struct Filtered {
     predicted: bool,
     /// The most that the standard deviation may be, if it is limited.
     limits: Option<Bordered>,
+    /// 1 / (e + l) of the unfiltered luminance l and the exposure e, +∞ of pixels of few samples; if brighter taps weigh less.
+    tones: Option<Bordered>,
 }
 
 impl Filtered {
-    pub fn new(layout: Layout, predicted: bool) -> Self {
+    /// `weighs` if brighter taps shall weigh less.
+    pub fn new(layout: Layout, predicted: bool, weighs: bool) -> Self {
         let mut beyond = [0.0; IN_PLACE + VARIANCES.len()];
         beyond[LUMINANCE] = f32::NAN;
         Self {
@@ -177,6 +193,7 @@ impl Filtered {
             variances: VARIANCES,
             predicted,
             limits: None,
+            tones: weighs.then(|| Bordered::new(layout, [f32::INFINITY])),
         }
     }
 
@@ -187,8 +204,7 @@ impl Filtered {
         let find = Limits {
             color,
             samples,
-            // Infinity times a light of 0 would be NaN.
-            relative_noise: relative_noise.min(f32::MAX),
+            relative_noise,
         };
         rows::run(&find, color.size.height, limits.bands());
         self.limits = Some(limits);
@@ -199,8 +215,10 @@ impl Filtered {
     }
 
     /// Bands, to be filled before the first pass.
-    pub fn bands(&mut self) -> impl Iterator<Item = BorderedBand<'_>> {
-        self.image.bands()
+    pub fn bands(&mut self) -> impl Iterator<Item = Band<'_>> {
+        let tones = rows::optional(self.tones.as_mut().map(Bordered::bands));
+        let bands = self.image.bands().zip(tones);
+        bands.map(|(image, tones)| Band { image, tones })
     }
 
     /// Runs pass `iteration`, from 0. Each row goes to the sink as soon as it is filtered, with that row of its outputs.
@@ -219,6 +237,7 @@ impl Filtered {
             guide,
             params,
             limits: self.limits.as_ref().map(|limits| limits.planes::<1>()[0]),
+            tones: self.tones.as_ref().map(|tones| tones.planes::<1>()[0]),
             step,
             predicted,
             sink,
@@ -287,61 +306,86 @@ impl Sink for () {
 struct Load<'a>(Source<'a>);
 
 impl<'a> Kernel for Load<'a> {
-    type Out = BorderedBand<'a>;
+    type Out = Band<'a>;
 
     #[inline(always)]
-    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut out: BorderedBand<'a>) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut out: Band<'a>) {
         for y in rows {
-            variance_of(&mut out, y).copy_from_slice(self.0.variance.row(y));
-            settle(self.0.color, self.0.prediction, y, &mut out);
+            out.variance(y).copy_from_slice(self.0.variance.row(y));
+            out.settle(self.0.color, self.0.prediction, y);
+            if let Some(samples) = self.0.samples {
+                out.weigh(samples, self.0.exposure, y);
+            }
         }
     }
 }
 
-/// A row that [`settle`] has finished.
-#[inline(always)]
-pub(crate) fn ready<'b>(image: &'b mut BorderedBand, y: usize) -> FilteredRow<'b> {
-    let [r, g, b, l, v] = image.rows::<{ IN_PLACE + 1 }>(y);
-    FilteredRow {
-        channels: [r, g, b, l],
-        variance: v,
-    }
+/// Rows of an image before the first pass.
+pub(crate) struct Band<'a> {
+    image: BorderedBand<'a>,
+    tones: Option<BorderedBand<'a>>,
 }
 
-/// A row's variance, to be written before [`settle`].
-#[inline(always)]
-pub(crate) fn variance_of<'b>(image: &'b mut BorderedBand, y: usize) -> &'b mut [f32] {
-    image.row(VARIANCES[0], y)
-}
-
-/// Completes a row whose variance has been written: sanitises the variance, and loads the colour and the luminance that is
-/// compared.
-#[inline(always)]
-pub(crate) fn settle(
-    color: Pixels,
-    prediction: Option<Pixels>,
-    y: usize,
-    image: &mut BorderedBand,
-) {
-    for v in image.row(VARIANCES[0], y) {
-        *v = if v.is_finite() { floored(*v) } else { 0.0 };
+impl Band<'_> {
+    /// A row's variance, to be written first.
+    #[inline(always)]
+    pub fn variance(&mut self, y: usize) -> &mut [f32] {
+        self.image.row(VARIANCES[0], y)
     }
-    image.replicate(VARIANCES[0], y);
-    let mut parts = [[0.0; SEGMENT]; 3];
-    for run in segments(y, color.size.width) {
-        color.read(run, parts.each_mut().map(Row::as_mut_slice));
-        load(run, parts.each_ref().map(|row| &row[..run.len]), image);
-        if let Some(prediction) = prediction {
-            let luminances = &mut image.row(LUMINANCE, y)[run.x..][..run.len];
-            let predicted = &prediction.row(y)[run.x..][..run.len];
-            for (l, &predicted) in luminances.iter_mut().zip(predicted) {
-                let usable = predicted.is_finite() & !l.is_nan();
-                *l = if usable {
-                    predicted.clamp(-MOST, MOST)
-                } else {
-                    *l
-                };
+
+    /// Completes a row whose variance has been written: sanitises the variance, and loads the colour and the luminance that
+    /// is compared.
+    #[inline(always)]
+    pub fn settle(&mut self, color: Pixels, prediction: Option<Pixels>, y: usize) {
+        let image = &mut self.image;
+        for v in image.row(VARIANCES[0], y) {
+            *v = if v.is_finite() { floored(*v) } else { 0.0 };
+        }
+        image.replicate(VARIANCES[0], y);
+        let mut parts = [[0.0; SEGMENT]; 3];
+        for run in segments(y, color.size.width) {
+            color.read(run, parts.each_mut().map(Row::as_mut_slice));
+            load(run, parts.each_ref().map(|row| &row[..run.len]), image);
+            if let Some(prediction) = prediction {
+                let luminances = &mut image.row(LUMINANCE, y)[run.x..][..run.len];
+                let predicted = &prediction.row(y)[run.x..][..run.len];
+                for (l, &predicted) in luminances.iter_mut().zip(predicted) {
+                    let usable = predicted.is_finite() & !l.is_nan();
+                    *l = if usable {
+                        predicted.clamp(-MOST, MOST)
+                    } else {
+                        *l
+                    };
+                }
             }
+        }
+    }
+
+    /// Tells how bright the pixels of a settled row are, given the samples that they are the means of, if brighter taps weigh
+    /// less.
+    #[inline(always)]
+    pub fn weigh(&mut self, samples: Pixels, exposure: f32, y: usize) {
+        let Some(tones) = &mut self.tones else { return };
+        let exposure = exposure.min(MOST);
+        let (luminances, tones) = (self.image.row(LUMINANCE, y), tones.row(0, y));
+        let mut counts = [0.0; SEGMENT];
+        for run in segments(y, samples.size.width) {
+            samples.load(run, 0, &mut counts[..run.len]);
+            for (x, &count) in (run.x..).zip(&counts[..run.len]) {
+                let tone = 1.0 / (exposure + larger(luminances[x], 0.0));
+                let settled = (count >= SETTLED) & !luminances[x].is_nan();
+                tones[x] = if settled { tone } else { f32::INFINITY };
+            }
+        }
+    }
+
+    /// A row that is finished.
+    #[inline(always)]
+    pub fn ready(&mut self, y: usize) -> FilteredRow<'_> {
+        let [r, g, b, l, v] = self.image.rows::<{ IN_PLACE + 1 }>(y);
+        FilteredRow {
+            channels: [r, g, b, l],
+            variance: v,
         }
     }
 }

@@ -21,6 +21,8 @@ pub struct Params {
     pub variance: variance::Params,
     /// The filter. It knows the numbers of samples in frames with no guide but depth alone, if `relative_noise` is finite.
     pub atrous: atrous::Params,
+    /// The light above which brighter taps of the filter weigh less, in multiples of the exposure; > 0, +∞ if they do not; 16.
+    pub tap_exposure: f32,
     /// Whether the first pass of the filter, instead of its input, is the next frame's history. Not in a step that joins later
     /// frames: they have seen the next frame's samples.
     pub feedback: bool,
@@ -77,6 +79,7 @@ impl Default for Params {
                 sigmas: SIGMAS,
                 ..Default::default()
             },
+            tap_exposure: 16.0,
             choice: Some(choice::Params::default()),
             reflections: vec![0.4, 1.2],
             antialias: Some(ANTIALIASED),
@@ -103,6 +106,7 @@ impl Params {
                 relative_noise: f32::INFINITY,
                 ..Default::default()
             },
+            tap_exposure: f32::INFINITY,
             feedback: true,
             choice: None,
             choice_with_albedo: true,
@@ -181,6 +185,7 @@ impl Params {
                 relative_noise: f32::INFINITY,
                 ..self.atrous
             },
+            tap_exposure: f32::INFINITY,
             ..self.clone()
         }
     }
@@ -242,6 +247,9 @@ impl Params {
         self.choice.iter().try_for_each(choice::Params::check)?;
         (self.antialias.iter()).try_for_each(taa::Params::check)?;
         self.lend.iter().try_for_each(lend::Params::check)?;
+        in_range("tap_exposure", self.tap_exposure, "a number above 0", |v| {
+            v > 0.0
+        })?;
         for &distance in &self.reflections {
             in_range("reflections", distance, "distances above 0", |v| v > 0.0)?;
         }

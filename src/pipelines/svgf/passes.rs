@@ -11,7 +11,6 @@ use std::vec;
 
 use super::super::frame::Guides;
 use super::{Current, Reports};
-use crate::bordered::BorderedBand;
 use crate::image::{Image, Pixels, Records, Run, SEGMENT, Size, View, segments};
 use crate::kernels::judge::choice::{self, Levels};
 use crate::kernels::merge::accumulate;
@@ -83,20 +82,23 @@ pub struct Passes {
 }
 
 /// Estimates the variance of a history and filters its colour. The first pass may become the colour of the history that
-/// goes on; `joined`, if there is one, is filtered instead of it, and has seen frames that the next frame must not know.
+/// goes on; `joined`, if there is one, is filtered instead of it, and has seen frames that the next frame must not know. Its
+/// exposure is given.
 pub fn filter(
     now: &Current,
     guide: &Guide,
     reports: &Reports,
     history: &mut Records,
     mut joined: Option<Records>,
+    exposure: f32,
     mut choosing: Option<&mut Choosing>,
 ) -> Passes {
     let params = now.params;
     let (size, usual) = (now.size(), params.atrous.iterations);
     let feeds_back = params.feedback && joined.is_none();
     let most = (choosing.as_ref()).map_or(usual, |_| params.passes());
-    let mut filtered = Filtered::new(guide.layout, choosing.is_some());
+    let weighs = params.tap_exposure.is_finite();
+    let mut filtered = Filtered::new(guide.layout, choosing.is_some(), weighs);
     let relative_noise = params.atrous.relative_noise;
     if relative_noise.is_finite() && !matches!(now.frame.guides(), Guides::More) {
         let source = joined.as_ref().unwrap_or(history).pixels();
@@ -137,6 +139,7 @@ pub fn filter(
                 length,
                 prediction: prediction.map(Image::pixels),
                 variance: Estimate::new(moments, length, guide, params.variance),
+                exposure: params.tap_exposure * exposure,
                 longest: (joined.as_ref()).map(|_| 1.0 / now.accumulate.alpha),
                 keep,
             };
@@ -196,20 +199,22 @@ struct Begin<'a> {
     length: Pixels<'a>,
     prediction: Option<Pixels<'a>>,
     variance: Estimate<'a>,
+    /// The light above which brighter taps weigh less, if they do.
+    exposure: f32,
     /// Samples that one side's history counts for at most. Of both sides' mean over more, the variance is less.
     longest: Option<f32>,
     keep: Keep<'a>,
 }
 
 impl<'a> Kernel for Begin<'a> {
-    type Out = (BorderedBand<'a>, Vec<Kept<'a>>);
+    type Out = (atrous::Band<'a>, Vec<Kept<'a>>);
 
     #[inline(always)]
     fn rows<S: Simd>(&self, simd: S, rows: Range<usize>, (mut image, mut kept): Self::Out) {
         let mut around = self.variance.around();
         let mut lengths = [0.0; SEGMENT];
         for (y, kept) in rows.clone().zip(&mut kept) {
-            let (first, variance) = (y == rows.start, atrous::variance_of(&mut image, y));
+            let (first, variance) = (y == rows.start, image.variance(y));
             self.variance.row(simd, y, first, &mut around, variance);
             if let Some(longest) = self.longest {
                 for run in segments(y, variance.len()) {
@@ -220,8 +225,9 @@ impl<'a> Kernel for Begin<'a> {
                     }
                 }
             }
-            atrous::settle(self.color, self.prediction, y, &mut image);
-            self.keep.take(y, atrous::ready(&mut image, y), kept);
+            image.settle(self.color, self.prediction, y);
+            image.weigh(self.length, self.exposure, y);
+            self.keep.take(y, image.ready(y), kept);
         }
     }
 }

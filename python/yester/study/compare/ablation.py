@@ -152,6 +152,7 @@ ABLATIONS = (
             "spatial variance": pipeline(SVGF, min_length=1),
             "luminance weight": pipeline(SVGF, sigma_luminance=_ENDLESS),
             "limit of noise": pipeline(SVGF, relative_noise=math.inf),
+            "brighter taps weigh less": pipeline(SVGF, tap_exposure=math.inf),
             "normal weight": pipeline(SVGF, sigma_normal=0),
             "depth weight": pipeline(SVGF, sigma_plane=_ENDLESS, sigma_depth=_ENDLESS),
             # With `choice`, a pass would be added.
@@ -194,6 +195,7 @@ ABLATIONS = (
     _ablation(_BMFR, "motion test", pipeline(BMFR, motion_difference=math.inf)),
     _ablation(_HALF_RES, "innovation", on_part(quarter, pipeline(HalfRes, innovation=False))),
     _ablation(_HALF_RES, "choice", on_part(quarter, pipeline(HalfRes, choice=False))),
+    _ablation(_HALF_RES, "brighter taps weigh less", on_part(quarter, pipeline(HalfRes, tap_exposure=math.inf))),
     _ablation(_HALF_RES, "limit of noise", on_part(quarter, pipeline(HalfRes, relative_noise=math.inf))),
     replace(
         _ablation(_RECIRCULATION, "innovation", on_part(quarter, pipeline(Recirculation, innovation=False))),

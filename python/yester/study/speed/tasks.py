@@ -195,8 +195,8 @@ _TEXTBOOK: dict[str, Any] = {"box": "minmax", "space": "rgb", "response": "clamp
 _HULL: dict[str, Any] = {"box": "exact-hull", "response": "current"}
 _FIVE_TAPS: dict[str, Any] = {"filter": "catmull-rom-5", "dilate": "3x3", "box": "variance", "space": "ycocg"}
 _PUBLISHED: dict[str, Any] = {
-    **{"radius": 2, "sigma_luminance": 4.0, "relative_noise": math.inf, "sigma_normal": 128.0},
-    **{"feedback": True, "reflections": ()},
+    **{"radius": 2, "sigma_luminance": 4.0, "relative_noise": math.inf, "tap_exposure": math.inf},
+    **{"sigma_normal": 128.0, "feedback": True, "reflections": ()},
     **dict.fromkeys(("gradient", "fireflies", "choice", "innovation", "antialias", "coherence"), False),
 }
 
@@ -218,6 +218,11 @@ def _pass(side: int) -> int:
     reciprocal, 2 for a missing centre, 17 to divide the sums and for the luminance of the result.
     """
     return (side * side - 1) * (_GUIDED + 4 + _EXP2 + 10) + side * _ROW + _CENTER + 30 + 2 + 17
+
+
+# What lets brighter taps weigh less in a pass of `side` × `side` taps: 4 per tap, 2 per pixel.
+def _dim(side: int) -> int:
+    return (side * side - 1) * 4 + 2
 
 
 # Before the first pass and after the last, missing samples and background are found and replaced. Of pipelines, only
@@ -314,8 +319,10 @@ TASKS = (
     Task("OIDN, temporal", "OIDN", {}, {"temporal": True}, reference=False),
     Task("Recirculation, of all", "Recirculation"),
     Task("Upscaler, 2", "Upscaler", jitter=(0.25, -0.125)),
-    Task("SVGF", "SVGF", multiply_adds=_AROUND + 4 * _pass(3)),
-    Task("SVGF, 5 passes", "SVGF", {}, {"iterations": 5, "choice": False}, _NETWORKS, _AROUND + 5 * _pass(3)),
+    Task("SVGF", "SVGF", multiply_adds=_AROUND + 4 * (_pass(3) + _dim(3))),
+    Task(
+        "SVGF, 5 passes", "SVGF", {}, {"iterations": 5, "choice": False}, _NETWORKS, _AROUND + 5 * (_pass(3) + _dim(3))
+    ),
     Task("HalfRes", "HalfRes"),
     Task("SVGF, as published", "SVGF", {}, {"iterations": 5, **_PUBLISHED}, (), _AROUND + 5 * _pass(5)),
     Task(

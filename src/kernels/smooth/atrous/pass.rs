@@ -19,6 +19,7 @@ const LOG2_LINEAR: [f32; 2] = [0.0, -1.0];
 pub(super) struct Pass<'a, K> {
     pub variance: &'a [f32],
     pub limits: Option<&'a [f32]>,
+    pub tones: Option<&'a [f32]>,
     pub guide: &'a Guide,
     pub params: Params,
     pub step: usize,
@@ -55,6 +56,7 @@ impl<K: Sink> Pass<'_, K> {
             step: self.step as isize,
             variance: self.variance,
             limits: self.limits,
+            tones: self.tones,
             guide: self.guide.compare(&self.params.sigmas, RADIUS * self.step),
             // Infinity times a variance of 0 would be NaN.
             sigma_luminance: self.params.sigma_luminance.min(f32::MAX),
@@ -70,6 +72,7 @@ struct Around<'a, const RADIUS: usize, const PREDICTED: bool> {
     step: isize,
     variance: &'a [f32],
     limits: Option<&'a [f32]>,
+    tones: Option<&'a [f32]>,
     guide: Comparison<'a>,
     sigma_luminance: f32,
 }
@@ -82,6 +85,7 @@ struct Line<'a> {
     own: f32,
     channels: [&'a [f32]; IN_PLACE],
     variance: &'a [f32],
+    tones: Option<&'a [f32]>,
     guide: Comparison<'a>,
 }
 
@@ -91,6 +95,8 @@ struct Like<S: Simd> {
     center: Center<S>,
     luminance: Lanes<S>,
     sharpness: Lanes<S>,
+    /// e + l of the exposure and the unfiltered luminance, +∞ of pixels of few samples; if brighter taps weigh less.
+    tone: Option<Lanes<S>>,
 }
 
 /// Sums over taps.
@@ -210,6 +216,10 @@ impl<'a, const RADIUS: usize, const PREDICTED: bool> Around<'a, RADIUS, PREDICTE
             center: own.guide.center(simd, x, y),
             luminance: l.or_all(known, 0.0),
             sharpness: sharpness.or_all(known, 0.0),
+            tone: own.tones.map(|tones| {
+                let tone = Lanes::load(simd, tones, at);
+                (Lanes::all(simd, 1.0) / tone).or_all(tone.is_finite(), f32::INFINITY)
+            }),
         };
         if RADIUS == 1 {
             // All eight at once: three would not hide the latency of the exponential.
@@ -220,19 +230,19 @@ impl<'a, const RADIUS: usize, const PREDICTED: bool> Around<'a, RADIUS, PREDICTE
             let [d, e] = exponents(simd, &like, own, &beside, Self::KERNEL);
             let [f, g, h] = exponents(simd, &like, below, &whole, Self::KERNEL);
             let [a, b, c, d, e, f, g, h] = exp2_weights([a, b, c, d, e, f, g, h]);
-            add::<S, _, PREDICTED>(simd, at, above, &whole, [a, b, c], &mut sums);
-            add::<S, _, PREDICTED>(simd, at, own, &beside, [d, e], &mut sums);
-            add::<S, _, PREDICTED>(simd, at, below, &whole, [f, g, h], &mut sums);
+            add::<S, _, PREDICTED>(simd, &like, above, &whole, [a, b, c], &mut sums);
+            add::<S, _, PREDICTED>(simd, &like, own, &beside, [d, e], &mut sums);
+            add::<S, _, PREDICTED>(simd, &like, below, &whole, [f, g, h], &mut sums);
         } else {
             let whole = TapColumns::new([-2, -1, 0, 1, 2], step, farthest);
             let beside = TapColumns::new([-2, -1, 1, 2], step, farthest);
             for line in lines {
                 if line.down == 0 {
                     let weights = exp2_weights(exponents(simd, &like, line, &beside, Self::KERNEL));
-                    add::<S, _, PREDICTED>(simd, at, line, &beside, weights, &mut sums);
+                    add::<S, _, PREDICTED>(simd, &like, line, &beside, weights, &mut sums);
                 } else {
                     let weights = exp2_weights(exponents(simd, &like, line, &whole, Self::KERNEL));
-                    add::<S, _, PREDICTED>(simd, at, line, &whole, weights, &mut sums);
+                    add::<S, _, PREDICTED>(simd, &like, line, &whole, weights, &mut sums);
                 }
             }
         }
@@ -288,6 +298,7 @@ impl<'a, const RADIUS: usize, const PREDICTED: bool> Around<'a, RADIUS, PREDICTE
             own,
             channels: [&r[..stride], &g[..stride], &b[..stride], &l[..stride]],
             variance: self.layout.cut(self.variance, there),
+            tones: self.tones.map(|tones| self.layout.cut(tones, there)),
             guide: self.guide.row(there),
         }
     }
@@ -333,6 +344,7 @@ fn exponents<S: Simd, const N: usize>(
         center,
         luminance,
         sharpness,
+        ..
     } = like;
     let mut exponents = line.guide.exponents(simd, center, &taps, own);
     let there = Lanes::load_taps(simd, line.channels[LUMINANCE], center.at, &taps);
@@ -348,14 +360,21 @@ fn exponents<S: Simd, const N: usize>(
 #[inline(always)]
 fn add<S: Simd, const N: usize, const PREDICTED: bool>(
     simd: S,
-    at: usize,
+    like: &Like<S>,
     line: &Line,
     columns: &TapColumns<N>,
-    weights: [Lanes<S>; N],
+    mut weights: [Lanes<S>; N],
     sums: &mut Sums<S>,
 ) {
     let taps = columns.taps(line.down);
-    let load = |row: &[f32]| Lanes::load_taps(simd, row, at, &taps);
+    let load = |row: &[f32]| Lanes::load_taps(simd, row, like.center.at, &taps);
+    if let Some((own, tones)) = like.tone.zip(line.tones) {
+        for (weight, there) in weights.iter_mut().zip(load(tones)) {
+            let share = own * there;
+            let share = share * share;
+            *weight = weight.or(share.at_least(1.0), *weight * share);
+        }
+    }
     let [tr, tg, tb] = [
         load(line.channels[0]),
         load(line.channels[1]),
