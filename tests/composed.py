@@ -563,7 +563,7 @@ class SVGF:
         self.stage["guided_exposure"] *= not average_still
         self.before = self.antialiased = self.mirrored = self.evidence = self.lag = self.mixing = self.trust = None
         self.chooses, self.choice, self.coherence = choice, None, coherence
-        self.choice_with_albedo, self.strictness, self.fewest = True, 0.5, 2.5
+        self.choice_with_albedo, self.strictness, self.fewest, self.settled = True, 0.5, 2.5, 3.5
         self.noise, self.repeats = Noise(), False
         self.still, self.still_frames = None, 0
         self.asked, self.won = [], []  # weights of the pixels, by frame
@@ -695,7 +695,8 @@ class SVGF:
             if not self.repeats:
                 noise = self.relative_noise if is_unguided(frame) else np.inf
                 tone = np.float32(self.tap_exposure) * np.float32(bright)
-                known |= {"history_length": length, "relative_noise": noise, "tap_exposure": tone}
+                known |= {"history_length": length, "relative_noise": noise}
+                known |= {"tap_exposure": tone, "settled": self.settled}
             return yester.atrous(color, variance, iterations=passes, **known, **self.filter, **alike)
 
         first, second = (smooth(min(passes, usual))[0] for passes in (1, 2))
@@ -882,6 +883,7 @@ class HalfRes(SVGF):
         named = {"sigma_luminance": sigma_luminance, "relative_noise": 2.0, **named}
         super().__init__(alpha=alpha, iterations=iterations, radius=2, choice=choice is not False, **named)
         self.choice_with_albedo, self.strictness, self.fewest = choice is True, 1.0, np.float32(0.9)
+        self.settled = 1.75
         self.weight, self.radius = np.float32(weight), radius
         self.passes, self.stage = 4, {**self.stage, "gamma": 0.6, "choice": False}
 

@@ -16,7 +16,7 @@ def inputs(rng, height, width, holes=0.05):
     return compare.colors(rng, height, width, holes=holes), variance
 
 
-def check(color, variance, **named):
+def check(color, variance, *, rtol=2e-5, **named):
     got = yester.atrous(color, variance, **named)
     *want, weights = reference.atrous(*tensor([color, variance]), margin=True, **tensor(named))
     assert all(image.dtype == np.float32 for image in got)
@@ -24,8 +24,8 @@ def check(color, variance, **named):
     sure = weights.numpy() > 1e-12
     assert (~sure).sum() <= 1 + 0.05 * sure.size
     names = ["", " variance", " prediction"][: len(got)]
-    for name, image, its, rtol in zip(names, got, want, (2e-5, 5e-5, 2e-5), strict=False):
-        assert_close(f"atrous{name}", image, its, rtol=rtol, where=sure)
+    for name, image, its, times in zip(names, got, want, (1, 2.5, 1), strict=False):
+        assert_close(f"atrous{name}", image, its, rtol=times * rtol, where=sure)
     assert len(got) == len(want)
     return got
 
@@ -102,12 +102,15 @@ def test_reference_of_predictions(seed, size, buffers, holes, missing, **named):
     radius=st.sampled_from([1, 2]),
     relative_noise=st.sampled_from([0.1, 2.0, 1e6, np.inf]),
     tap_exposure=st.sampled_from([None, 0.01, 1.0, 100.0, np.inf]),
+    settled=st.sampled_from([0.0, 1.5, 3.5]),
 )
 def test_reference_of_limits(seed, size, buffers, missing, predicted, **named):
     rng = np.random.default_rng(seed)
     color, variance = inputs(rng, *size, holes=missing)
     known = {"prediction": predictions(rng, color)} if predicted else {}
-    check(color, variance, history_length=lengths(rng, *size), **known, **surface(rng, *size, buffers), **named)
+    # The lower the limit, the more of the noise is rounding of the luminance.
+    known |= {"rtol": 2e-5 * max(1, 0.2 / named["relative_noise"]), "history_length": lengths(rng, *size)}
+    check(color, variance, **known, **surface(rng, *size, buffers), **named)
 
 
 @each(("height", "width"), SIZES + TAILS)

@@ -262,6 +262,7 @@ RANGES = {
         "sigma_luminance": [0, -1, np.nan],
         "relative_noise": [0, -1, np.nan],
         "tap_exposure": [0, -1, np.nan],
+        "settled": [-1, np.nan, np.inf],
         "iterations": [-1, 17],
         "radius": [0, 3],
     },

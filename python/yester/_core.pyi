@@ -828,7 +828,7 @@ class HalfRes(SVGF):
     sigma_luminance : float, default 4.0
         The filter's scale of luminance differences, in standard deviations; above 0.
     relative_noise, tap_exposure : float, default 2.0 and 16.0
-        As in `SVGF`.
+        As in `SVGF`; the latter for pixels of 1.75 samples or more.
     by_confidence, fireflies : bool, default False
         As in `SVGF`.
     reflections : sequence of float, default (0.4, 1.2)
@@ -3756,6 +3756,7 @@ def atrous(
     sigma_luminance: float = 4.0,
     relative_noise: float = 2.5,
     tap_exposure: float | None = None,
+    settled: float = 3.5,
     sigma_normal: float = 128.0,
     sigma_depth: float = 0.5,
     sigma_plane: float = 0.05,
@@ -3794,6 +3795,8 @@ def atrous(
     tap_exposure : float, optional
         The light above which taps that are brighter than the centre weigh less, as light that leaks into the dark is
         seen more than dark that leaks into light; above 0. Needs `history_length`. By default all weigh alike.
+    settled : float, default 3.5
+        Fewest samples of pixels of which they do, with `tap_exposure`; from 0. The noise of fewer would be darkened.
     sigma_normal : float, default 128.0
         Sharpness of the normal weight; from 0. About the exponent in (n·n')^sigma_normal, less where normals are rough.
     sigma_depth, sigma_plane : float, default 0.5 and 0.05
@@ -3840,7 +3843,7 @@ def atrous(
       samples, at least 1, and L the 3×3 Gaussian of the luminance of `color`, at least 0, missing pixels being black.
 
     With `tap_exposure` e, the weights of taps that are brighter before the first pass are also multiplied by
-    ``((e + l) / (e + l'))²``, with l at least 0, where both pixels have 3.5 samples or more.
+    ``((e + l) / (e + l'))²``, with l at least 0, where both pixels have `settled` samples or more.
 
     Colour is ``Σwc/Σw`` and variance ``Σw²v/(Σw)²``. The filter is that of Dammertz et al. [2]_, its guidance by
     variance that of SVGF ([3]_, section 4.3). SVGF's own ``ez``, ``|Z - Z'| / (sigma_depth |∇Z·Δ|)``, is 1 for every
@@ -3879,6 +3882,7 @@ def atrous(
     sigma_luminance: float = 4.0,
     relative_noise: float = 2.5,
     tap_exposure: float | None = None,
+    settled: float = 3.5,
     sigma_normal: float = 128.0,
     sigma_depth: float = 0.5,
     sigma_plane: float = 0.05,
@@ -3917,6 +3921,8 @@ def atrous(
     tap_exposure : float, optional
         The light above which taps that are brighter than the centre weigh less, as light that leaks into the dark is
         seen more than dark that leaks into light; above 0. Needs `history_length`. By default all weigh alike.
+    settled : float, default 3.5
+        Fewest samples of pixels of which they do, with `tap_exposure`; from 0. The noise of fewer would be darkened.
     sigma_normal : float, default 128.0
         Sharpness of the normal weight; from 0. About the exponent in (n·n')^sigma_normal, less where normals are rough.
     sigma_depth, sigma_plane : float, default 0.5 and 0.05
@@ -3963,7 +3969,7 @@ def atrous(
       samples, at least 1, and L the 3×3 Gaussian of the luminance of `color`, at least 0, missing pixels being black.
 
     With `tap_exposure` e, the weights of taps that are brighter before the first pass are also multiplied by
-    ``((e + l) / (e + l'))²``, with l at least 0, where both pixels have 3.5 samples or more.
+    ``((e + l) / (e + l'))²``, with l at least 0, where both pixels have `settled` samples or more.
 
     Colour is ``Σwc/Σw`` and variance ``Σw²v/(Σw)²``. The filter is that of Dammertz et al. [2]_, its guidance by
     variance that of SVGF ([3]_, section 4.3). SVGF's own ``ez``, ``|Z - Z'| / (sigma_depth |∇Z·Δ|)``, is 1 for every

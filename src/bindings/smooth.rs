@@ -272,6 +272,8 @@ pub fn restore_detail_<'py>(
 /// tap_exposure : float, optional
 ///     The light above which taps that are brighter than the centre weigh less, as light that leaks into the dark is
 ///     seen more than dark that leaks into light; above 0. Needs `history_length`. By default all weigh alike.
+/// settled : float, default 3.5
+///     Fewest samples of pixels of which they do, with `tap_exposure`; from 0. The noise of fewer would be darkened.
 /// sigma_normal : float, default 128.0
 ///     Sharpness of the normal weight; from 0. About the exponent in (n·n')^sigma_normal, less where normals are rough.
 /// sigma_depth, sigma_plane : float, default 0.5 and 0.05
@@ -318,7 +320,7 @@ pub fn restore_detail_<'py>(
 ///   samples, at least 1, and L the 3×3 Gaussian of the luminance of `color`, at least 0, missing pixels being black.
 ///
 /// With `tap_exposure` e, the weights of taps that are brighter before the first pass are also multiplied by
-/// ``((e + l) / (e + l'))²``, with l at least 0, where both pixels have 3.5 samples or more.
+/// ``((e + l) / (e + l'))²``, with l at least 0, where both pixels have `settled` samples or more.
 ///
 /// Colour is ``Σwc/Σw`` and variance ``Σw²v/(Σw)²``. The filter is that of Dammertz et al. [2]_, its guidance by
 /// variance that of SVGF ([3]_, section 4.3). SVGF's own ``ez``, ``|Z - Z'| / (sigma_depth |∇Z·Δ|)``, is 1 for every
@@ -342,8 +344,8 @@ pub fn restore_detail_<'py>(
 /// True
 #[pyfunction]
 #[pyo3(signature = (color, variance, *, prediction=None, history_length=None, depth=None, normal=None, ids=None,
-    iterations=5, radius=2, sigma_luminance=4.0, relative_noise=2.5, tap_exposure=None, sigma_normal=128.0,
-    sigma_depth=0.5, sigma_plane=0.05, out=None))]
+    iterations=5, radius=2, sigma_luminance=4.0, relative_noise=2.5, tap_exposure=None, settled=3.5,
+    sigma_normal=128.0, sigma_depth=0.5, sigma_plane=0.05, out=None))]
 #[pyo3(name = "atrous")]
 pub fn atrous_<'py>(
     py: Python<'py>,
@@ -359,6 +361,7 @@ pub fn atrous_<'py>(
     sigma_luminance: f32,
     relative_noise: f32,
     tap_exposure: Option<f32>,
+    settled: f32,
     sigma_normal: f32,
     sigma_depth: f32,
     sigma_plane: f32,
@@ -374,6 +377,7 @@ pub fn atrous_<'py>(
         radius: atrous::Params::radius(radius)?,
         sigma_luminance,
         relative_noise,
+        settled,
         sigmas,
     };
     params.check()?;

@@ -571,6 +571,7 @@ proptest! {
             radius: draw.of(&[1, 2]),
             sigma_luminance: draw.of(&ABOVE_0),
             relative_noise: draw.of(&ABOVE_0),
+            settled: draw.of(&[0.0, 2.0]),
             sigmas: draw.sigmas(),
         };
         let limited = draw.coin();

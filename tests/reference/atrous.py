@@ -28,6 +28,7 @@ def atrous(
     sigma_luminance=4.0,
     relative_noise=2.5,
     tap_exposure=None,
+    settled=3.5,
     margin=False,
     **similarity,
 ) -> tuple[Tensor, ...]:
@@ -36,8 +37,8 @@ def atrous(
     w = h·exp(-[surface + |l - l'| / (sigma_luminance·√g + 1e-3·|l|)]), colour = Σwc / Σw, variance = Σw²v / (Σw)².
     Source: Dammertz et al. 2010; Schied et al. 2017, section 4.4. l is the luminance of each pass's input, or a
     prediction of it, which becomes Σwl / Σw. √g is at most relative_noise·L/√N, with L the luminance of the unfiltered
-    colour, blurred as the variance, and N samples. Of two pixels of 3.5 samples or more, a tap that is brighter before
-    the first pass has its weight multiplied by ((tap_exposure + l) / (tap_exposure + l'))^2.
+    colour, blurred as the variance, and N samples. Of two pixels of `settled` samples or more, a tap that is brighter
+    before the first pass has its weight multiplied by ((tap_exposure + l) / (tap_exposure + l'))^2.
 
     Parameters
     ----------
@@ -68,7 +69,7 @@ def atrous(
         light = prediction.where(prediction.isfinite() & light.isfinite(), light)  # (H, W)
     tone = torch.full_like(variance, torch.nan)  # (H, W), NaN where brighter taps weigh no less
     if tap_exposure is not None:
-        tone = (tap_exposure + light.clamp(min=0)).where(history_length >= 3.5, torch.nan)  # (H, W)
+        tone = (tap_exposure + light.clamp(min=0)).where(history_length >= settled, torch.nan)  # (H, W)
     least = torch.full_like(variance, torch.inf)  # (H, W)
     for i in range(iterations):
         step, kernel = 2**i, KERNELS[radius]

@@ -10,7 +10,7 @@ class HalfRes(SVGF):
     def __init__(self, *, alpha=0.2, weight=0.3, radius=2, iterations=4, sigma_luminance=4.0, choice=None, **named):
         named = {"sigma_luminance": sigma_luminance, "relative_noise": 2.0, **named}
         super().__init__(alpha=alpha, iterations=iterations, radius=2, choice=choice is not False, **named)
-        self.choice_with_albedo, self.strictness, self.fewest = choice is True, 1.0, 0.9
+        self.choice_with_albedo, self.strictness, self.fewest, self.settled = choice is True, 1.0, 0.9, 1.75
         self.choosing = self.start_choosing()
         self.weight, self.radius = weight, radius
         self.passes, self.stage = 4, {**self.stage, "gamma": 0.6, "choice": False}

@@ -93,7 +93,7 @@ class SVGF:
         self.min_length, self.feedback = min_length, feedback
         self.gradient, self.fireflies = gradient, fireflies
         self.chooses, self.innovation, self.antialias = choice, innovation, antialias
-        self.choice_with_albedo, self.strictness, self.fewest = True, 0.5, 2.5
+        self.choice_with_albedo, self.strictness, self.fewest, self.settled = True, 0.5, 2.5, 3.5
         self.coherence = coherence
         self.by_confidence, self.same_albedo = by_confidence, relative_albedo is not None
         if relative_albedo is not None:
@@ -192,7 +192,8 @@ class SVGF:
             named = {"prediction": prediction, "iterations": passes, **self.filter, **similarity}
             if not self.repeats:
                 noise = self.relative_noise if is_unguided(frame) else torch.inf
-                named |= {"history_length": length, "relative_noise": noise, "tap_exposure": self.tap_exposure * bright}
+                named |= {"history_length": length, "relative_noise": noise}
+                named |= {"tap_exposure": self.tap_exposure * bright, "settled": self.settled}
             return atrous(color, variance, **named)  # (H, W, 3), (H, W), and (H, W) if anything is predicted
 
         if chooses:

@@ -31,7 +31,7 @@ use crate::pipelines::{history, svgf};
 /// sigma_luminance : float, default 4.0
 ///     The filter's scale of luminance differences, in standard deviations; above 0.
 /// relative_noise, tap_exposure : float, default 2.0 and 16.0
-///     As in `SVGF`.
+///     As in `SVGF`; the latter for pixels of 1.75 samples or more.
 /// by_confidence, fireflies : bool, default False
 ///     As in `SVGF`.
 /// reflections : sequence of float, default (0.4, 1.2)

@@ -250,6 +250,7 @@ impl SVGF {
                 sigma_luminance,
                 relative_noise,
                 sigmas,
+                ..default.atrous
             },
             tap_exposure,
             feedback,

@@ -25,8 +25,8 @@
 //!
 //! **Brighter taps.** Light from a lamp, or from one lucky sample, harms the dark around it more than a lack of dark harms the
 //! lamp. Where an exposure e is given, the weight of a tap whose luminance l′ before the first pass is above the centre's l is
-//! multiplied by ((e + l) / (e + l′))². Not for pixels of fewer than [`SETTLED`] samples: their noise has yet to be averaged, and
-//! a filter that prefers the dark would darken it. Karis 2013 (*Tone mapping*) weighs samples by 1 / (1 + l) to the same end.
+//! multiplied by ((e + l) / (e + l′))². Not for pixels of fewer samples than `settled`: their noise has yet to be averaged, and a
+//! filter that prefers the dark would darken it. Karis 2013 (*Tone mapping*) weighs samples by 1 / (1 + l) to the same end.
 //!
 //! Inputs: colour (3), variance (1) of its luminance, prediction (1) and number of samples (1), both optional, guide. Outputs:
 //! the first three.
@@ -39,7 +39,7 @@ use self::pass::Pass;
 use super::guide::{Guide, Sigmas};
 use super::variance::floored;
 use crate::bordered::{Bordered, BorderedBand, Layout};
-use crate::error::{Result, Whole, in_range, whole};
+use crate::error::{Result, Whole, finite_from_0, in_range, whole};
 use crate::image::{BandMut, Pixels, Run, SEGMENT, Size, bands_of, segments};
 use crate::math::{is_present, larger, luminance};
 use crate::pixels::{Colors, PixelsMut, Row};
@@ -57,6 +57,9 @@ pub struct Params {
     /// Most standard deviation of one sample, in multiples of the light around it, where the numbers of samples are given;
     /// > 0, +∞ included; 2.5.
     pub relative_noise: f32,
+    /// Fewest samples of pixels whose brighter taps weigh less; 3.5. Not a whole number, so that rounding of resampled lengths
+    /// does not decide.
+    pub settled: f32,
     /// How far surfaces may differ.
     pub sigmas: Sigmas,
 }
@@ -68,6 +71,7 @@ impl Default for Params {
             radius: 2,
             sigma_luminance: 4.0,
             relative_noise: 2.5,
+            settled: 3.5,
             sigmas: Sigmas::default(),
         }
     }
@@ -108,6 +112,7 @@ impl Params {
             "a number above 0",
             |v| v > 0.0,
         )?;
+        finite_from_0("settled", self.settled)?;
         self.sigmas.check()
     }
 }
@@ -119,10 +124,6 @@ const LUMINANCE: usize = 3;
 /// of other jobs.
 const IN_PLACE: usize = 4;
 const VARIANCES: [usize; 2] = [4, 5];
-
-/// Fewest samples of a mean that is settled enough to be told from brighter ones. Not a whole number, so that rounding of
-/// resampled lengths does not decide.
-const SETTLED: f32 = 3.5;
 
 /// What is filtered.
 #[derive(Clone, Copy)]
@@ -151,7 +152,7 @@ pub fn atrous<'a>(
     let size = source.color.size;
     let weighs = source.samples.is_some() && source.exposure.is_finite();
     let mut image = Filtered::new(guide.layout, source.prediction.is_some(), weighs);
-    rows::run(&Load(source), size.height, image.bands());
+    rows::run(&Load(source, params.settled), size.height, image.bands());
     let limited = |_: &Pixels| params.relative_noise.is_finite();
     if let Some(samples) = source.samples.filter(limited) {
         image.limit(source.color, samples, params.relative_noise);
@@ -303,7 +304,7 @@ impl Sink for () {
     fn take(&self, _: usize, _: FilteredRow, (): &mut ()) {}
 }
 
-struct Load<'a>(Source<'a>);
+struct Load<'a>(Source<'a>, f32);
 
 impl<'a> Kernel for Load<'a> {
     type Out = Band<'a>;
@@ -314,7 +315,7 @@ impl<'a> Kernel for Load<'a> {
             out.variance(y).copy_from_slice(self.0.variance.row(y));
             out.settle(self.0.color, self.0.prediction, y);
             if let Some(samples) = self.0.samples {
-                out.weigh(samples, self.0.exposure, y);
+                out.weigh(samples, self.0.exposure, self.1, y);
             }
         }
     }
@@ -362,9 +363,9 @@ impl Band<'_> {
     }
 
     /// Tells how bright the pixels of a settled row are, given the samples that they are the means of, if brighter taps weigh
-    /// less.
+    /// less. Nothing is told of pixels that are not settled.
     #[inline(always)]
-    pub fn weigh(&mut self, samples: Pixels, exposure: f32, y: usize) {
+    pub fn weigh(&mut self, samples: Pixels, exposure: f32, settled: f32, y: usize) {
         let Some(tones) = &mut self.tones else { return };
         let exposure = exposure.min(MOST);
         let (luminances, tones) = (self.image.row(LUMINANCE, y), tones.row(0, y));
@@ -373,8 +374,8 @@ impl Band<'_> {
             samples.load(run, 0, &mut counts[..run.len]);
             for (x, &count) in (run.x..).zip(&counts[..run.len]) {
                 let tone = 1.0 / (exposure + larger(luminances[x], 0.0));
-                let settled = (count >= SETTLED) & !luminances[x].is_nan();
-                tones[x] = if settled { tone } else { f32::INFINITY };
+                let told = (count >= settled) & !luminances[x].is_nan();
+                tones[x] = if told { tone } else { f32::INFINITY };
             }
         }
     }

@@ -140,6 +140,7 @@ pub fn filter(
                 prediction: prediction.map(Image::pixels),
                 variance: Estimate::new(moments, length, guide, params.variance),
                 exposure: params.tap_exposure * exposure,
+                settled: params.atrous.settled,
                 longest: (joined.as_ref()).map(|_| 1.0 / now.accumulate.alpha),
                 keep,
             };
@@ -199,8 +200,9 @@ struct Begin<'a> {
     length: Pixels<'a>,
     prediction: Option<Pixels<'a>>,
     variance: Estimate<'a>,
-    /// The light above which brighter taps weigh less, if they do.
+    /// The light above which brighter taps weigh less, if they do, and the fewest samples of which they do.
     exposure: f32,
+    settled: f32,
     /// Samples that one side's history counts for at most. Of both sides' mean over more, the variance is less.
     longest: Option<f32>,
     keep: Keep<'a>,
@@ -226,7 +228,7 @@ impl<'a> Kernel for Begin<'a> {
                 }
             }
             image.settle(self.color, self.prediction, y);
-            image.weigh(self.length, self.exposure, y);
+            image.weigh(self.length, self.exposure, self.settled, y);
             self.keep.take(y, image.ready(y), kept);
         }
     }
