@@ -152,9 +152,11 @@ pub fn atrous<'a>(
     let size = source.color.size;
     let weighs = source.samples.is_some() && source.exposure.is_finite();
     let mut image = Filtered::new(guide.layout, source.prediction.is_some(), weighs);
-    rows::run(&Load(source, params.settled), size.height, image.bands());
-    let limited = |_: &Pixels| params.relative_noise.is_finite();
-    if let Some(samples) = source.samples.filter(limited) {
+    let settled = params.settled;
+    rows::run(&Load { source, settled }, size.height, image.bands());
+    if let Some(samples) = source.samples
+        && params.relative_noise.is_finite()
+    {
         image.limit(source.color, samples, params.relative_noise);
     }
     for iteration in 0..params.iterations {
@@ -304,18 +306,22 @@ impl Sink for () {
     fn take(&self, _: usize, _: FilteredRow, (): &mut ()) {}
 }
 
-struct Load<'a>(Source<'a>, f32);
+struct Load<'a> {
+    source: Source<'a>,
+    settled: f32,
+}
 
 impl<'a> Kernel for Load<'a> {
     type Out = Band<'a>;
 
     #[inline(always)]
     fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut out: Band<'a>) {
+        let source = &self.source;
         for y in rows {
-            out.variance(y).copy_from_slice(self.0.variance.row(y));
-            out.settle(self.0.color, self.0.prediction, y);
-            if let Some(samples) = self.0.samples {
-                out.weigh(samples, self.0.exposure, self.1, y);
+            out.variance(y).copy_from_slice(source.variance.row(y));
+            out.complete(source.color, source.prediction, y);
+            if let Some(samples) = source.samples {
+                out.weigh(samples, source.exposure, self.settled, y);
             }
         }
     }
@@ -337,7 +343,7 @@ impl Band<'_> {
     /// Completes a row whose variance has been written: sanitises the variance, and loads the colour and the luminance that
     /// is compared.
     #[inline(always)]
-    pub fn settle(&mut self, color: Pixels, prediction: Option<Pixels>, y: usize) {
+    pub fn complete(&mut self, color: Pixels, prediction: Option<Pixels>, y: usize) {
         let image = &mut self.image;
         for v in image.row(VARIANCES[0], y) {
             *v = if v.is_finite() { floored(*v) } else { 0.0 };
@@ -362,8 +368,8 @@ impl Band<'_> {
         }
     }
 
-    /// Tells how bright the pixels of a settled row are, given the samples that they are the means of, if brighter taps weigh
-    /// less. Nothing is told of pixels that are not settled.
+    /// Stores how bright the pixels of a complete row are, if brighter taps weigh less: those that are the mean of `settled`
+    /// samples or more.
     #[inline(always)]
     pub fn weigh(&mut self, samples: Pixels, exposure: f32, settled: f32, y: usize) {
         let Some(tones) = &mut self.tones else { return };

@@ -227,7 +227,7 @@ impl<'a> Kernel for Begin<'a> {
                     }
                 }
             }
-            image.settle(self.color, self.prediction, y);
+            image.complete(self.color, self.prediction, y);
             image.weigh(self.length, self.exposure, self.settled, y);
             self.keep.take(y, image.ready(y), kept);
         }
