@@ -98,7 +98,7 @@ impl Svgf {
 
     /// A pipeline without history; an error if a parameter is out of range. With `average_still`, the limit of noise is off,
     /// and so are the output stage's weights by tone and its larger share in frames without guides: with them, the image of a
-    /// scene at rest ends farther from the mean of all samples.
+    /// scene at rest ends farther from the mean of all samples. Brighter taps do not weigh less either, as that darkens noise.
     pub fn new(mut params: Params) -> Result<Self> {
         params.check()?;
         if params.average_still {

@@ -19,7 +19,7 @@ pub struct Params {
     pub average_still: bool,
     /// How the variance is estimated.
     pub variance: variance::Params,
-    /// The filter. It knows the numbers of samples in frames with no guide but depth alone, if `relative_noise` is finite.
+    /// The filter. `relative_noise`, if finite, limits the noise that it expects in frames with no guide but depth alone.
     pub atrous: atrous::Params,
     /// The light above which brighter taps of the filter weigh less, in multiples of the exposure; > 0, +∞ if they do not; 16.
     pub tap_exposure: f32,
