@@ -534,7 +534,7 @@ class SVGF:
         by_confidence=False,
         gradient=True,
         fireflies=False,
-        reflections=(0.4, 1.2),
+        reflections=(0.2, 0.4, 0.7, 1.2),
         choice=True,
         innovation=True,
         antialias=True,

@@ -239,6 +239,17 @@ def test_flat_planes_with_noise_show_the_result():
     assert at_rest(evidence)[..., 1].mean() < 0.05
 
 
+def test_a_tile_that_keeps_a_lamp_does_not_decide():
+    """A result that is right but for a lamp that has left one tile is not the worse one for all tiles together."""
+    rng = np.random.default_rng(2)
+    truth = rng.random((64, 64)).astype(np.float32)
+    samples = truth[..., None] + rng.normal(size=(64, 64, 3))
+    worse, better = truth + rng.normal(size=truth.shape) / 2, truth.copy()
+    better[12, 20] += 1e3
+    evidence = yester.collocate(np.dstack([samples, worse, better]))
+    assert composed.share_of_all(evidence)[0] < 0.25
+
+
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_evidence_that_is_not_finite_is_none(value):
     evidence = yester.collocate(measured(np.random.default_rng(0), 40, 56))

@@ -217,14 +217,14 @@ def test_it_beats_simpler_methods():
 
 
 def test_switched_light_reaches_untraced_pixels():
-    """In a frame or two; histories that wait for samples of their own need four."""
+    """In a frame or two; histories that wait for samples of their own need four for what blocks do not tell."""
 
     def switch(number):
         return 3.0 if number >= 16 else 1.0
 
     half = errors_in_motion(fed(yester.HalfRes(), traced), light=switch)
     waiting = errors_in_motion(fed(yester.SVGF(), traced), light=switch)
-    assert half[17] < 0.6 * waiting[17]
+    assert half[17] < 0.7 * waiting[17]
 
 
 def test_reset_forgets():

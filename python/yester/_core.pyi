@@ -625,7 +625,7 @@ class SVGF(Pipeline):
     fireflies : bool, default False
         First clamp samples far brighter than their surroundings and their history, and redistribute the excess over
         their surface (`suppress_fireflies`).
-    reflections : sequence of float, default (0.4, 1.2)
+    reflections : sequence of float, default (0.2, 0.4, 0.7, 1.2)
         Distances behind the surface, in multiples of its depth, +inf included, at which the history of reflections is
         fetched as well. Where one of these histories predicts the new samples better than the surface's own
         (`prediction_gain`), it is used instead. The output stage follows the reflection there, too, if the luminance of
@@ -728,7 +728,7 @@ class SVGF(Pipeline):
         by_confidence: bool = False,
         gradient: bool = True,
         fireflies: bool = False,
-        reflections: Sequence[float] = (0.4, 1.2),
+        reflections: Sequence[float] = (0.2, 0.4, 0.7, 1.2),
         choice: bool = True,
         innovation: bool = True,
         antialias: bool = True,
@@ -831,7 +831,7 @@ class HalfRes(SVGF):
         As in `SVGF`; the latter for pixels of 1.75 samples or more.
     by_confidence, fireflies : bool, default False
         As in `SVGF`.
-    reflections : sequence of float, default (0.4, 1.2)
+    reflections : sequence of float, default (0.2, 0.4, 0.7, 1.2)
         As in `SVGF`.
     choice : bool, optional
         As in `SVGF`. By default in frames without albedo alone: with it, most scenes gain little, and highlights that
@@ -888,7 +888,7 @@ class HalfRes(SVGF):
         tap_exposure: float = 16.0,
         by_confidence: bool = False,
         fireflies: bool = False,
-        reflections: Sequence[float] = (0.4, 1.2),
+        reflections: Sequence[float] = (0.2, 0.4, 0.7, 1.2),
         choice: bool | None = None,
         innovation: bool = True,
         antialias: bool = True,
@@ -2620,7 +2620,7 @@ def innovation(
     exposure: float = 1.0,
     strictness: float = 3.0,
     share: float = 0.5,
-    levels: int = 4,
+    levels: int = 6,
     fed_back: bool = True,
     sparse: bool = False,
     out: tuple[_Floats | None, _Floats | None] | None = None,
@@ -2650,7 +2650,7 @@ def innovation(
         Ratio of a squared mean to its variance up to which the mean counts as noise; at least 0.
     share : float, default 0.5
         Weight of the new frame in the evidence, above 0, up to 1, which discards earlier evidence.
-    levels : int, default 4
+    levels : int, default 6
         Block sizes, 1 to 8: 2 pixels, 4, 8, ….
     fed_back : bool, default True
         The history of the next prediction is corrected as well. If not, the next samples show the same difference
@@ -2818,7 +2818,8 @@ def collocate(
     -----
     The detail of a plane is its difference from the mean of the 3×3 pixels. With the planes numbered from 0, the
     products are those of 00, 01, 02, 11, 12, 22, 03, 13, 33, 04, 14, 44 and 34. A frame's sums in a tile of n pixels
-    have the weight ``1 / ((Σ₀₀ + Σ₁₁) / n + (exposure / 1024)²)``, so that no frame decides alone.
+    have the weight ``1 / ((Σ₀₀ + Σ₁₁ + Σ₃₃ + Σ₄₄) / n + (exposure / 1024)²)``, so that neither a frame nor a tile
+    decides alone.
 
     Examples
     --------

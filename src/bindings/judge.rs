@@ -674,7 +674,7 @@ pub fn temporal_gradient<'py>(
 ///     Ratio of a squared mean to its variance up to which the mean counts as noise; at least 0.
 /// share : float, default 0.5
 ///     Weight of the new frame in the evidence, above 0, up to 1, which discards earlier evidence.
-/// levels : int, default 4
+/// levels : int, default 6
 ///     Block sizes, 1 to 8: 2 pixels, 4, 8, ….
 /// fed_back : bool, default True
 ///     The history of the next prediction is corrected as well. If not, the next samples show the same difference
@@ -730,10 +730,10 @@ pub fn temporal_gradient<'py>(
 /// array([0.494, 0.494, 0.494], dtype=float32)
 #[pyfunction]
 #[pyo3(name = "innovation", signature = (color, prediction, history_length, evidence=None, motion=None, *, exposure=1.0,
-    strictness=3.0, share=0.5, levels=4, fed_back=true, sparse=false, out=None))]
+    strictness=3.0, share=0.5, levels=6, fed_back=true, sparse=false, out=None))]
 #[pyo3(
     text_signature = "(color, prediction, history_length, evidence=None, motion=None, *, exposure=1.0, strictness=3.0, \
-    share=0.5, levels=4, fed_back=True, sparse=False, out=None)"
+    share=0.5, levels=6, fed_back=True, sparse=False, out=None)"
 )]
 pub fn innovation_<'py>(
     py: Python<'py>,

@@ -28,7 +28,7 @@ def collocate(planes: Tensor, evidence: Tensor | None = None, *, exposure=1.0) -
     detail, known = details(planes)
     products = torch.stack([detail[..., a] * detail[..., b] for a, b in PAIRS], -1)  # (H, W, 13)
     seen, n = together(products), together(known[..., None].to(planes))  # (h, w, 13), (h, w, 1)
-    energy = seen[..., [0]] + seen[..., [3]]  # (h, w, 1)
+    energy = seen[..., [0, 3, 8, 11]].sum(-1, keepdim=True)  # (h, w, 1), of new samples, those before, and results
     floor = max((exposure / 1024) ** 2, torch.finfo(torch.float32).tiny)
     seen = torch.cat([(seen / (energy / n + floor)).where(n > 0, 0), n], -1)  # (h, w, 14)
     return seen if evidence is None else evidence + seen

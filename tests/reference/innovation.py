@@ -82,7 +82,7 @@ def innovation(
     exposure=1.0,
     strictness=3.0,
     share=0.5,
-    levels=4,
+    levels=6,
     fed_back=True,
     sparse=False,
 ) -> tuple[Tensor, Tensor]:

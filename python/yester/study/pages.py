@@ -58,6 +58,7 @@ RUNS = {
     "doors": Source(f"yester chart --doors {_FRAMES}", "doors.csv"),
     "oracle": Source("yester.study.compare.oracle", ""),
     "samples": Source("yester.study.compare.samples --reference-spp 256", ""),
+    "larger": Source("yester.study.compare.larger", ""),
     "thin": Source("yester.study.compare.thin", ""),
     "repeated": Source("yester.study.compare.repeated", ""),
     "faded": Source("yester.study.compare.faded", ""),

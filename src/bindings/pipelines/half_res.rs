@@ -34,7 +34,7 @@ use crate::pipelines::{history, svgf};
 ///     As in `SVGF`; the latter for pixels of 1.75 samples or more.
 /// by_confidence, fireflies : bool, default False
 ///     As in `SVGF`.
-/// reflections : sequence of float, default (0.4, 1.2)
+/// reflections : sequence of float, default (0.2, 0.4, 0.7, 1.2)
 ///     As in `SVGF`.
 /// choice : bool, optional
 ///     As in `SVGF`. By default in frames without albedo alone: with it, most scenes gain little, and highlights that
@@ -85,10 +85,10 @@ pub struct HalfRes;
 impl HalfRes {
     #[new]
     #[pyo3(signature = (*, alpha=0.2, weight=0.3, radius=2, iterations=4, sigma_luminance=4.0, relative_noise=2.0,
-        tap_exposure=16.0, by_confidence=false, fireflies=false, reflections=vec![0.4, 1.2], choice=None, innovation=true, antialias=true))]
+        tap_exposure=16.0, by_confidence=false, fireflies=false, reflections=vec![0.2, 0.4, 0.7, 1.2], choice=None, innovation=true, antialias=true))]
     #[pyo3(
         text_signature = "(*, alpha=0.2, weight=0.3, radius=2, iterations=4, sigma_luminance=4.0, \
-        relative_noise=2.0, tap_exposure=16.0, by_confidence=False, fireflies=False, reflections=(0.4, 1.2), choice=None, innovation=True, antialias=True)"
+        relative_noise=2.0, tap_exposure=16.0, by_confidence=False, fireflies=False, reflections=(0.2, 0.4, 0.7, 1.2), choice=None, innovation=True, antialias=True)"
     )]
     fn new(
         alpha: f32,

@@ -79,7 +79,7 @@ use crate::pipelines::{history, svgf, taa};
 /// fireflies : bool, default False
 ///     First clamp samples far brighter than their surroundings and their history, and redistribute the excess over
 ///     their surface (`suppress_fireflies`).
-/// reflections : sequence of float, default (0.4, 1.2)
+/// reflections : sequence of float, default (0.2, 0.4, 0.7, 1.2)
 ///     Distances behind the surface, in multiples of its depth, +inf included, at which the history of reflections is
 ///     fetched as well. Where one of these histories predicts the new samples better than the surface's own
 ///     (`prediction_gain`), it is used instead. The output stage follows the reflection there, too, if the luminance of
@@ -170,12 +170,12 @@ impl SVGF {
         relative_noise=2.5, tap_exposure=16.0, sigma_normal=64.0, sigma_depth=0.5, sigma_plane=0.05,
         relative_depth=Threshold::hard(0.1), plane_distance=Threshold::hard(0.01), normal_angle=Threshold::hard(25.0), motion_difference=Threshold::hard(0.2),
         relative_albedo=None, min_length=3.5, feedback=false, by_confidence=false, gradient=true, fireflies=false,
-        reflections=vec![0.4, 1.2], choice=true, innovation=true, antialias=true, average_still=false, coherence=true))]
+        reflections=vec![0.2, 0.4, 0.7, 1.2], choice=true, innovation=true, antialias=true, average_still=false, coherence=true))]
     #[pyo3(
         text_signature = "(*, alpha=0.2, moments_alpha=0.2, iterations=3, radius=1, sigma_luminance=3.0, \
         relative_noise=2.5, tap_exposure=16.0, sigma_normal=64.0, sigma_depth=0.5, sigma_plane=0.05, relative_depth=0.1, \
         plane_distance=0.01, normal_angle=25.0, motion_difference=0.2, relative_albedo=None, min_length=3.5, feedback=False, by_confidence=False, \
-        gradient=True, fireflies=False, reflections=(0.4, 1.2), choice=True, innovation=True, antialias=True, average_still=False, \
+        gradient=True, fireflies=False, reflections=(0.2, 0.4, 0.7, 1.2), choice=True, innovation=True, antialias=True, average_still=False, \
         coherence=True)"
     )]
     fn new(

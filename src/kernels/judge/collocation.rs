@@ -17,8 +17,9 @@
 //! from 0 to 1. It is Wiener's share of p − m that is not noise; C, from 0 to N/2, is the noise that m shares with p, as one
 //! of the samples that it was made of.
 //!
-//! **Evidence.** Tiles of 8×8 sum the products, weighted by 1 / (⟨y y⟩ + ⟨p p⟩ + (e/1024)²) of the frame for the exposure e,
-//! so that no single frame decides, and the number n of their pixels. It is carried and averaged as in [`super::choice`].
+//! **Evidence.** Tiles of 8×8 sum the products, weighted by 1 / (⟨y y⟩ + ⟨p p⟩ + ⟨a a⟩ + ⟨b b⟩ + (e/1024)²) of the frame for the
+//! exposure e, and the number n of their pixels. So no single frame decides, nor does a single tile in which a result keeps
+//! what has left a lamp's place, a thousand times as bright as the samples there. It is carried and averaged as in [`super::choice`].
 //! Where n is below 16, λ and g are 0.
 //!
 //! Inputs: luminances of y, p, q, a and b (5), motion (2), coverage (1), evidence (14; of an eighth of the size). Outputs:
@@ -50,6 +51,8 @@ const PAIRS: [[usize; 2]; 13] = [
     [4, 4],
     [3, 4],
 ];
+/// Places in [`PAIRS`] of the products of y, p, a and b with themselves.
+const SQUARES: [usize; 4] = [0, 3, 8, 11];
 /// Channels of a tile's evidence: the products, and the number of pixels.
 pub const CHANNELS: usize = PAIRS.len() + 1;
 /// Of a tile's mixture: λ and g.
@@ -216,7 +219,8 @@ impl<L> Collocate<'_, L> {
         if n == 0.0 {
             return;
         }
-        let weight = 1.0 / ((products[0] + products[3]) / n + self.quiet);
+        let energy = SQUARES.iter().map(|&k| products[k]).sum::<f32>();
+        let weight = 1.0 / (energy / n + self.quiet);
         for (evidence, product) in evidence.iter_mut().zip(products) {
             *evidence += weight * product;
         }

@@ -56,7 +56,7 @@ pub struct Params {
     pub strictness: f32,
     /// β: weight of the new frame in the evidence; above 0, up to 1; 0.5.
     pub share: f32,
-    /// Levels of the pyramid of blocks; the finest has 2×2 pixels; 1 to 8; 4.
+    /// Levels of the pyramid of blocks; the finest has 2×2 pixels; 1 to 8; 6.
     pub levels: u32,
     /// True if the history of the next prediction is corrected too, so that later samples no longer show the difference;
     /// true.
@@ -76,7 +76,7 @@ impl Params {
     pub const DEFAULT: Self = Self {
         strictness: 3.0,
         share: 0.5,
-        levels: 4,
+        levels: 6,
         fed_back: true,
         sparse: false,
     };

@@ -81,7 +81,7 @@ impl Default for Params {
             },
             tap_exposure: 16.0,
             choice: Some(choice::Params::default()),
-            reflections: vec![0.4, 1.2],
+            reflections: vec![0.2, 0.4, 0.7, 1.2],
             antialias: Some(ANTIALIASED),
             feedback: false,
             ..textbook
