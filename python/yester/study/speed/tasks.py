@@ -7,6 +7,7 @@ that kernels for short histories have as much work as after fast motion.
 
 from __future__ import annotations
 
+import io
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -422,7 +423,10 @@ def stage(folder: Path, width: int, height: int) -> None:
     images["planes"] = np.dstack([light[..., None] * noise, light, 0.9 * light]).astype(np.float32)
     images["products"] = np.abs(rng.normal(0, 30, (*tiles, 14))).astype(np.float32)
     for name, image in images.items():
-        np.save(folder / f"{name}.npy", image)
+        # Not into the file: an interrupt while numpy writes to one becomes a TypeError.
+        buffer = io.BytesIO()
+        np.save(buffer, image)
+        (folder / f"{name}.npy").write_bytes(buffer.getbuffer())
 
 
 def _color(turn: int) -> str:
