@@ -222,7 +222,12 @@ def agree(asks: NDArray) -> NDArray:
 
 def share_of_all(evidence: NDArray) -> NDArray:
     """The shares of denoised colour and samples that would have been best for all tiles together."""
-    one = evidence.sum((0, 1), dtype=np.float64)[None, None].astype(np.float32)
+    products, energies = evidence[..., :13].astype(np.float64), evidence[..., [0, 3, 8, 11]].astype(np.float64)
+    with np.errstate(invalid="ignore"):
+        share = energies[..., :2].sum(-1) / energies.sum(-1)
+    products *= np.where(np.isfinite(share), share, 1)[..., None]
+    sums = np.append(products.sum((0, 1)), evidence[..., 13].sum(dtype=np.float64))
+    one = sums[None, None].astype(np.float32)
     return yester.collocation_shares(one, np.zeros((8, 8, 2)), np.ones((8, 8)), share=0.0)[0][0, 0]
 
 

@@ -28,7 +28,7 @@ def collocate(planes: Tensor, evidence: Tensor | None = None, *, exposure=1.0) -
     detail, known = details(planes)
     products = torch.stack([detail[..., a] * detail[..., b] for a, b in PAIRS], -1)  # (H, W, 13)
     seen, n = together(products), together(known[..., None].to(planes))  # (h, w, 13), (h, w, 1)
-    energy = seen[..., [0, 3, 8, 11]].sum(-1, keepdim=True)  # (h, w, 1), of new samples, those before, and results
+    energy = seen[..., [0]] + seen[..., [3]]  # (h, w, 1)
     floor = max((exposure / 1024) ** 2, torch.finfo(torch.float32).tiny)
     seen = torch.cat([(seen / (energy / n + floor)).where(n > 0, 0), n], -1)  # (h, w, 14)
     return seen if evidence is None else evidence + seen
@@ -81,6 +81,13 @@ def mixture(evidence: Tensor) -> Tensor:
     shared = (own - seen * scale).clamp(min=0).minimum(rest / 2)  # (h, w)
     second = (1 - (rest - shared) / (energy - 2 * own + evidence[..., 3])).nan_to_num(0).clamp(0, 1)  # (h, w)
     return torch.stack([first, second], -1).where((evidence[..., 13] >= 16)[..., None], 0)
+
+
+def of_all(evidence: Tensor) -> Tensor:
+    """The sums (1, 1, 14) of all tiles' evidence, each without what its results add to the energy of its samples."""
+    new, before, first, second = evidence[..., [0, 3, 8, 11]].split(1, -1)  # (h, w, 1) each
+    share = ((new + before) / (new + before + first + second)).nan_to_num(1)  # (h, w, 1)
+    return torch.cat([share * evidence[..., :13], evidence[..., 13:]], -1).sum((0, 1), keepdim=True)
 
 
 def collocation_shares(evidence: Tensor, motion: Tensor, coverage: Tensor, *, share=0.2) -> tuple[Tensor, Tensor]:

@@ -10,7 +10,7 @@ from .anti_lag import anti_lag
 from .blend import blend
 from .blend_factor import blend_factor
 from .choice import levels
-from .collocation import collocate, collocation_shares
+from .collocation import collocate, collocation_shares, of_all
 from .consistency import consistency
 from .depth_change import depth_change
 from .dilate import dilate_motion
@@ -317,7 +317,7 @@ class Mixing:
             (before, smooth, result), coverage = fetch_all(self.luminances, motion)  # 3 of (H, W), (H, W)
             if self.evidence is not None:
                 shares, self.evidence = collocation_shares(self.evidence, motion, coverage)  # (h, w, 2), (h, w, 14)
-                one = self.evidence.sum((0, 1), keepdim=True)  # (1, 1, 14)
+                one = of_all(self.evidence)  # (1, 1, 14)
                 whole, _ = collocation_shares(one, torch.zeros(8, 8, 2).to(one), torch.ones(8, 8).to(one), share=0.0)
                 together = whole[0, 0, 0] >= 1 / 4 and not aliased
                 asks = (shares[..., 1] > 0.05).to(shares)[None]  # (1, h, w)

@@ -17,9 +17,8 @@
 //! from 0 to 1. It is Wiener's share of p − m that is not noise; C, from 0 to N/2, is the noise that m shares with p, as one
 //! of the samples that it was made of.
 //!
-//! **Evidence.** Tiles of 8×8 sum the products, weighted by 1 / (⟨y y⟩ + ⟨p p⟩ + ⟨a a⟩ + ⟨b b⟩ + (e/1024)²) of the frame for the
-//! exposure e, and the number n of their pixels. So no single frame decides, nor does a single tile in which a result keeps
-//! what has left a lamp's place, a thousand times as bright as the samples there. It is carried and averaged as in [`super::choice`].
+//! **Evidence.** Tiles of 8×8 sum the products, weighted by 1 / (⟨y y⟩ + ⟨p p⟩ + (e/1024)²) of the frame for the exposure e,
+//! so that no single frame decides, and the number n of their pixels. It is carried and averaged as in [`super::choice`].
 //! Where n is below 16, λ and g are 0.
 //!
 //! Inputs: luminances of y, p, q, a and b (5), motion (2), coverage (1), evidence (14; of an eighth of the size). Outputs:
@@ -51,8 +50,8 @@ const PAIRS: [[usize; 2]; 13] = [
     [4, 4],
     [3, 4],
 ];
-/// Places in [`PAIRS`] of the products of y, p, a and b with themselves.
-const SQUARES: [usize; 4] = [0, 3, 8, 11];
+/// Places in [`PAIRS`] of the energies of y, p, a and b.
+const ENERGIES: [usize; 4] = [0, 3, 8, 11];
 /// Channels of a tile's evidence: the products, and the number of pixels.
 pub const CHANNELS: usize = PAIRS.len() + 1;
 /// Of a tile's mixture: λ and g.
@@ -112,13 +111,20 @@ pub fn shares(evidence: Pixels, motion: Pixels, coverage: View, share: f32) -> (
     (shares, carried)
 }
 
-/// The mixture that would have been best for all tiles together.
+/// The mixture that would have been best for all tiles together. Each tile's products are divided by what its results add to
+/// the energy of its samples: a result that keeps a lamp that has moved on may have a thousand times the energy of the samples
+/// there, and a single tile must not decide for all.
 pub fn share_of_all(evidence: &Records) -> [f32; SHARES] {
     let mut sums = [0.0; CHANNELS];
     for tile in evidence.pixels().elements().0.chunks_exact(CHANNELS) {
-        for (sum, &value) in sums.iter_mut().zip(tile) {
-            *sum += f64::from(value);
+        let [y, p, a, b] = ENERGIES.map(|k| f64::from(tile[k]));
+        let share = (y + p) / (y + p + a + b);
+        let share = if share.is_finite() { share } else { 1.0 };
+        let (products, count) = sums.split_at_mut(PAIRS.len());
+        for (sum, &value) in products.iter_mut().zip(tile) {
+            *sum += share * f64::from(value);
         }
+        count[0] += f64::from(tile[PAIRS.len()]);
     }
     mixture(&sums.map(|sum| sum as f32))
 }
@@ -219,8 +225,7 @@ impl<L> Collocate<'_, L> {
         if n == 0.0 {
             return;
         }
-        let energy = SQUARES.iter().map(|&k| products[k]).sum::<f32>();
-        let weight = 1.0 / (energy / n + self.quiet);
+        let weight = 1.0 / ((products[0] + products[3]) / n + self.quiet);
         for (evidence, product) in evidence.iter_mut().zip(products) {
             *evidence += weight * product;
         }
@@ -276,4 +281,28 @@ fn mixture(evidence: &[f32; CHANNELS]) -> [f32; SHARES] {
     let shared = smaller(larger(pm - ym * per, 0.0), 0.5 * noise);
     let second = saturate(1.0 - (noise - shared) / (mm - 2.0 * pm + pp));
     [first, second]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_tile_whose_result_keeps_a_lamp_does_not_decide() {
+        let size = Size {
+            height: 128,
+            width: 128,
+        };
+        // The second result is the signal, the first has a quarter of the samples' noise.
+        let tile = [
+            2.0, 1.0, 1.0, 2.0, 1.0, 2.0, 1.0, 1.0, 1.25, 1.0, 1.0, 1.0, 1.0, 64.0,
+        ];
+        let mut evidence = nothing(size);
+        for record in evidence.data_mut().chunks_exact_mut(CHANNELS) {
+            record.copy_from_slice(&tile);
+        }
+        assert!(share_of_all(&evidence)[0] < 1e-6);
+        evidence.data_mut()[11] = 1e6;
+        assert!(share_of_all(&evidence)[0] < 0.25);
+    }
 }
