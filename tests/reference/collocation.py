@@ -84,7 +84,7 @@ def mixture(evidence: Tensor) -> Tensor:
 
 
 def of_all(evidence: Tensor) -> Tensor:
-    """The sums (1, 1, 14) of all tiles' evidence, each without what its results add to the energy of its samples."""
+    """The sums (1, 1, 14) of all tiles' evidence, each times its samples' share of the energy it has."""
     new, before, first, second = evidence[..., [0, 3, 8, 11]].split(1, -1)  # (h, w, 1) each
     share = ((new + before) / (new + before + first + second)).nan_to_num(1)  # (h, w, 1)
     return torch.cat([share * evidence[..., :13], evidence[..., 13:]], -1).sum((0, 1), keepdim=True)

@@ -111,9 +111,9 @@ pub fn shares(evidence: Pixels, motion: Pixels, coverage: View, share: f32) -> (
     (shares, carried)
 }
 
-/// The mixture that would have been best for all tiles together. Each tile's products are divided by what its results add to
-/// the energy of its samples: a result that keeps a lamp that has moved on may have a thousand times the energy of the samples
-/// there, and a single tile must not decide for all.
+/// The mixture that would have been best for all tiles together. Each tile's products are scaled by its samples' share of
+/// the energy of samples and results: a result that keeps a lamp that has moved on may have a thousand times the energy of
+/// the samples there, and a single tile must not decide for all.
 pub fn share_of_all(evidence: &Records) -> [f32; SHARES] {
     let mut sums = [0.0; CHANNELS];
     for tile in evidence.pixels().elements().0.chunks_exact(CHANNELS) {

@@ -9,18 +9,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from yester import BMFR, OIDN, SVGF, denoise
+from yester import BMFR, OIDN, SVGF
 
 from ..rendered.recording import record
 from ..rendered.sequences import expand, parser
-from . import harm
+from . import harm, samples
 from .samples import COLUMNS, Method, cells, errors, steps
 
 __all__ = ["METHODS", "SEQUENCES", "main"]
 
 #: By name, what takes frames and yields images.
 METHODS: Mapping[str, Method] = {
-    "SVGF, both sides": lambda frames: (output.color for output in denoise(frames, SVGF())),
+    "SVGF, both sides": samples.METHODS["SVGF, both sides"],
     "SVGF": steps(SVGF),
     "BMFR": steps(BMFR),
     "OIDN high": steps(lambda: OIDN("high")),
