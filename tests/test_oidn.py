@@ -3,11 +3,13 @@
 import os
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import yester
 from compare import assert_same_bits
+from composed import between_tiles, luminance
 from test_peers import frames, plain
 
 pytestmark = pytest.mark.slow
@@ -31,14 +33,18 @@ def test_alone_it_is_itself():
             assert not out.rejection.any()
 
 
-@pytest.mark.parametrize("innovation", [False, True])
-def test_between_temporal_stages_it_is_their_composition(innovation):
-    oidn = yester.OIDN("fast", temporal=True, innovation=innovation)
+@pytest.mark.parametrize(("innovation", "choice"), [(False, False), (True, False), (True, True)])
+def test_between_temporal_stages_it_is_their_composition(innovation, choice):
+    oidn = yester.OIDN("fast", temporal=True, innovation=innovation, choice=choice)
     history = yester.SVGF(alpha=0.05, iterations=0, choice=False, innovation=False, antialias=False)
     antialiasing, before, evidence = yester.TAA("denoised", innovation=innovation), None, None
+    mixing = SimpleNamespace(evidence=None, before=None)
     for frame, _ in frames(4):
         out, known = oidn.step(frame), history.step(frame)
         clean = plain(known.color, frame.albedo, frame.normal, "fast")
+        if choice:
+            alone = plain(frame.color, frame.albedo, frame.normal, "fast")
+            clean = mixed(mixing, clean, alone, frame.color, known)
         if innovation and before is not None:
             carried = known.history_length, evidence, known.motion
             bright = yester.exposure(clean)
@@ -53,10 +59,42 @@ def test_between_temporal_stages_it_is_their_composition(innovation):
             assert_same_bits(getattr(out, name), getattr(known, name))
         assert set(out.used) == set(known.used)
         before = frame
+    if choice:
+        assert mixing.shares.any()
     oidn.reset()
-    first, fresh = oidn.step(frame), yester.OIDN("fast", temporal=True, innovation=innovation).step(frame)
+    again = yester.OIDN("fast", temporal=True, innovation=innovation, choice=choice)
+    first, fresh = oidn.step(frame), again.step(frame)
     assert (first.history_length <= 1).all()
     assert_same_bits(first.color, fresh.color)
+
+
+def mixed(state, steady, fresh, samples, known):
+    """As much of the second image, up to half of it, as predicts the samples best; less of what is brighter."""
+    rule = {"strictness": 1, "frame_strictness": np.inf}
+    bright = yester.exposure(steady)
+    tone = np.minimum(1, (bright + luminance(steady)) / (bright + luminance(fresh)))
+    before, state.before = state.before, [steady, (tone * tone)[..., None] * (fresh - steady)]
+    if before is None:
+        return steady
+    (carried, change), coverage = yester.reproject(before, known.motion, fallback=False)
+    coverage[known.confidence == 0] = 0
+    candidates = [luminance(carried) + np.float32(share) * luminance(change) for share in (0, 0.25, 0.5)]
+    candidates = np.where((coverage > 0)[..., None], np.dstack(candidates), np.float32(np.nan))
+    if state.evidence is not None:
+        _, state.evidence = yester.choice(state.evidence, known.motion, coverage, **rule)
+    state.evidence = yester.compare_candidates(samples, candidates, state.evidence, exposure=bright)
+    still = np.zeros((*coverage.shape, 2), np.float32)
+    chosen, _ = yester.choice(state.evidence, still, np.ones_like(coverage), share=0, **rule)
+    state.shares = between_tiles(chosen, *coverage.shape) / 4
+    return steady + state.shares[..., None] * state.before[1]
+
+
+@pytest.mark.filterwarnings("ignore:color. expected new noise")
+def test_noise_that_repeats_does_not_choose():
+    still = next(iter(frames(1)))[0]
+    chooses, other = (yester.OIDN("fast", temporal=True, choice=choice) for choice in (True, False))
+    for _ in range(3):
+        assert_same_bits(chooses.step(still).color, other.step(still).color)
 
 
 def test_time_steadies_it():

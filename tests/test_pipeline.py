@@ -20,7 +20,9 @@ CALLS = {
     "TAA('karis', alpha=0.2)": lambda: yester.TAA("karis", alpha=0.2),
     "Recirculation(levels=3)": lambda: yester.Recirculation(levels=3),
     "Upscaler(1.5, sharpness=0.5)": lambda: yester.Upscaler(1.5, sharpness=0.5),
-    "OIDN('fast', temporal=True, fireflies=False, innovation=True)": lambda: yester.OIDN("fast", temporal=True),
+    "OIDN('fast', temporal=True, fireflies=False, innovation=True, choice=True)": lambda: yester.OIDN(
+        "fast", temporal=True
+    ),
 }
 COPIES = {
     "copy": copy.copy,

@@ -57,7 +57,7 @@ _METHODS: dict[str, tuple[Callable[..., Any], tuple[str, ...]]] = {
     "halfres": (HalfRes, ("alpha", "iterations", "sigma_luminance", "fireflies", "choice", "innovation")),
     "recirculation": (Recirculation, ("innovation",)),
     "oidn": (OIDN, ("quality",)),
-    "temporal-oidn": (partial(OIDN, temporal=True), ("quality", "fireflies", "innovation")),
+    "temporal-oidn": (partial(OIDN, temporal=True), ("quality", "fireflies", "innovation", "choice")),
 }
 
 #: Endings of animations.

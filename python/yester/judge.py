@@ -173,7 +173,7 @@ def known_motion(before: Frame, frame: Frame) -> NDArray[np.float32] | None:
 
 def repetitions(frames: Sequence[Frame]) -> list[float]:
     """`repetition` of the light of each frame from the second one on; in place where motion is unknown."""
-    lights = [_light(frame) for frame in frames]
+    lights = [light(frame) for frame in frames]
     found, deviation = [], None
     for (before, frame), pair in zip(pairwise(frames), pairwise(lights), strict=True):
         motion = known_motion(before, frame)
@@ -184,7 +184,7 @@ def repetitions(frames: Sequence[Frame]) -> list[float]:
     return found
 
 
-def _light(frame: Frame) -> NDArray[np.float32]:
+def light(frame: Frame) -> NDArray[np.float32]:
     """The colour without texture, as far as the albedo tells."""
     if frame.albedo is None:
         return frame.color
