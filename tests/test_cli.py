@@ -186,7 +186,7 @@ def test_shots_do_not_know_each_other(tmp_path):
         ("--iterations", 2, "taa", "svgf, halfres"),
         ("--sigma-luminance", 3, "bmfr", "svgf, halfres"),
         ("--feedback", None, "bmfr", "svgf"),
-        ("--choice", None, "bmfr", "svgf, halfres"),
+        ("--choice", None, "bmfr", "svgf, halfres, temporal-oidn"),
         ("--innovation", None, "oidn", "svgf, taa, bmfr, halfres, recirculation, temporal-oidn"),
         ("--preset", "textbook", "svgf", "taa"),
         ("--block", 8, "svgf", "bmfr"),
