@@ -113,10 +113,10 @@ def test_missing_peers_are_named(monkeypatch):
 
 
 def test_a_peer_that_does_not_start_is_missing(monkeypatch):
-    """As one whose system libraries are missing."""
+    """As one whose system libraries are missing. The references in torch need none."""
 
     def broken(name):
         raise OSError("libtbb.so.12: cannot open shared object file")
 
     monkeypatch.setattr(module, "import_module", broken)
-    assert peers()[0] == []
+    assert {peer.family for peer in peers()[0]} == {"SVGF in torch"}

@@ -6,6 +6,7 @@ import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any, Literal
@@ -61,7 +62,8 @@ def peers() -> tuple[list[Method], dict[str, str]]:
         ]
     else:
         missing["OpenCV with ximgproc"] = "pip install 'yester[study]', without other packages of OpenCV beside it"
-    if _checkout() and imports("torch"):
+    # torch needs no system libraries, and takes seconds to import.
+    if _checkout() and find_spec("torch"):
         found.append(_peer("SVGF, surfaces only, in torch", "SVGF in torch", _torch_svgf))
     else:
         missing["SVGF in torch"] = "set YESTER_REFERENCES to a checkout's tests, and pip install 'yester[test]'"

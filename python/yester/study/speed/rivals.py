@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from importlib.util import find_spec
 from itertools import cycle
 from typing import NamedTuple
 
@@ -17,7 +18,7 @@ from yester._core import settings
 from yester.frame import present
 from yester.oidn import Network
 
-from ..compare.peers import imports, opencv, peers, references, tensors
+from ..compare.peers import opencv, peers, references, tensors
 from .tasks import Call, Inputs, Task
 
 __all__ = ["REFERENCE", "RIVALS", "Rival", "library", "missing", "start"]
@@ -47,7 +48,7 @@ def missing() -> dict[str, str]:
     remedy = absent.pop("SVGF in torch", None)
     if remedy:
         absent["torch references"] = remedy
-    if not imports("torch"):
+    if not find_spec("torch"):
         absent["torch"] = "pip install 'yester[test]'"
     return absent
 
