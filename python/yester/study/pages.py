@@ -62,6 +62,7 @@ RUNS = {
     "thin": Source("yester.study.compare.thin", ""),
     "repeated": Source("yester.study.compare.repeated", ""),
     "faded": Source("yester.study.compare.faded", ""),
+    "energy": Source("yester.study.compare.energy", ""),
     "trust": Source("yester.study.compare.trust", ""),
     "still": Source("yester.study.compare.still", ""),
     "plans": Source("yester.study.compare.judging --sequences all late-held-out", ""),
