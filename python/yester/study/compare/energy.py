@@ -76,7 +76,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Print two tables: light by sequence and method, and the metrics of ways to finish."""
     options = parser("yester.study.compare.energy", __doc__, SEQUENCES).parse_args(arguments)
     shape: dict[str, Any] = {"frames": 12, "width": 128, "height": 96, "reference_spp": 256}
-    rows, measured = [["", *METHODS]], []
+    rows, measured = [["light", *METHODS]], []
     for name in expand(options.sequences):
         recording = record(name, options.cache, **shape, variants=2, raw_albedo=True)
         references = {i: recording.reference(i) for i in recording.references}
