@@ -132,7 +132,7 @@ def test_bad_input_of_the_judge(moving):
 def test_a_plan_has_evidence(moving):
     """For every stage and every given buffer; decisions are deterministic."""
     found = yester.plan(moving)
-    names = ["albedo", "normal", "depth", "ids", "motion", "camera", "choice"]
+    names = ["position", "albedo", "normal", "depth", "ids", "motion", "camera", "choice"]
     assert [stage.name for stage in found.stages] == [*names, "gradient", "innovation", "reflections"]
     assert not found.static
     assert found.reason == ""
@@ -168,6 +168,31 @@ def test_a_broken_buffer_is_left_out(moving):
     assert results[0] < 0.7 * results[1]
 
 
+def unit(rng, shot):
+    vectors = rng.normal(size=shot.color.shape)
+    return (vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)).astype(np.float32)
+
+
+@pytest.mark.parametrize(
+    ("name", "broken"),
+    [
+        ("ids", lambda rng, shot: rng.integers(1, 1000, shot.ids.shape).astype(np.uint32)),
+        ("normal", unit),
+        ("normal", lambda rng, shot: np.full_like(shot.normal, np.nan)),
+        ("depth", lambda rng, shot: np.full_like(shot.depth, np.nan)),
+        ("depth", lambda rng, shot: rng.uniform(0.5, 5, shot.depth.shape).astype(np.float32)),
+    ],
+)
+def test_what_finds_no_surface_again_is_left_out(name, broken):
+    """The result is that of frames without the buffer, although no pixel passes the buffer's own test."""
+    given = frames(**{name: broken})
+    assert name in yester.plan(given).without
+    pipeline, other = yester.plan(given).pipeline(), yester.SVGF()
+    absent = dict.fromkeys((name, "position") if name == "depth" else (name,))
+    for frame in given:
+        np.testing.assert_array_equal(pipeline.step(frame).color, other.step(replace(frame, **absent)).color)
+
+
 def test_static_sequences_are_averaged(still):
     """Under constant light, or if history follows its jumps: over 32 frames the error is smaller."""
     found = yester.plan(still)
@@ -180,6 +205,8 @@ def test_static_sequences_are_averaged(still):
         images = [pipeline.step(frame).color for frame in long]
         errors.append(float((((images[-1] - truth) ** 2) / (truth**2 + 0.01)).mean()))
     assert errors[0] < 0.9 * errors[1]
+    assert yester.plan([replace(frame, motion=None) for frame in still]).static
+    assert not yester.plan([replace(frame, motion=None, camera=None) for frame in still]).static
     assert yester.plan(frames(moving=False, light=lambda t: 1 + 2 * (t > 3))).static
     assert not yester.plan(frames(moving=False, light=lambda t: 0.8**t)).static
 
@@ -299,13 +326,16 @@ def test_motion_to_the_next_frame_is_not_needed_backwards(moving):
         (lambda: [yester.Frame(frame.color) for frame in frames()], "neither depth nor normals nor ids"),
         (lambda: frames(light=lambda t: np.nan), "no frame has finite samples"),
         (lambda: frames(light=lambda t: 1e20), "values too large to judge"),
-        (lambda: frames(normal=np.full((64, 96, 3), np.nan)), "no pixel is found again in the next frame"),
+        (
+            lambda: frames(normal=np.full((64, 96, 3), np.nan), depth=np.full((64, 96), np.nan)),
+            "no pixel is found again in the next frame",
+        ),
         (lambda: frames(light=lambda t: 0), "nothing changes from frame to frame"),
         (lambda: frames(moving=False, color=np.full((64, 96, 3), 0.5)), "nothing changes from frame to frame"),
         (lambda: one_seed(), "frames have the noise of the frame before"),
         (lambda: [frame for frame in frames(4, moving=False) for _ in range(2)], "frames have the noise of the frame"),
     ],
-    ids=["few", "none", "no guides", "NaN", "huge", "unknown normals", "black", "constant", "one seed", "twice"],
+    ids=["few", "none", "no guides", "NaN", "huge", "unknown surfaces", "black", "constant", "one seed", "twice"],
 )
 def test_nothing_to_judge_by(given, reason):
     """The plan says so and is the default."""
@@ -378,7 +408,7 @@ def test_large_images_are_judged_by_parts():
         return color
 
     found = yester.plan(frames(6, size=(512, 300), color=sky))
-    assert len(found.stages) == 10
+    assert len(found.stages) == 11
     assert all(np.isfinite(stage.loss) for stage in found.stages)
 
 

@@ -126,11 +126,13 @@ def sums(
     *,
     start: int = 0,
     tile: int = 16,
+    untested: Sequence[str] = (),
 ) -> NDArray[np.float64]:
     """The sums that `estimate` needs, of several first results, (results, frames, 2, 3, h, w).
 
-    By frame, weighting and tile: the weighted differences of squared errors, the number of pixels, and the weighted
-    squared change of the second result. Sums of several parts of an image may be joined, flattened, on the last axis.
+    The buffers in `untested` do not tell surfaces apart, as where results with and without them are compared. By frame,
+    weighting and tile: the weighted differences of squared errors, the number of pixels, and the weighted squared
+    change of the second result. Sums of several parts of an image may be joined, flattened, on the last axis.
     """
     for each in (*firsts, second):
         if len(each) != len(frames):
@@ -138,7 +140,7 @@ def sums(
     if not 0 <= start < len(frames) - 1:
         raise ValueError(f"frames: expected at least two from `start` on, got {len(frames)} and start {start}")
     by_frame = [
-        _compared([first[t] for first in firsts], second[t : t + 2], frames[t : t + 2], tile)
+        _compared([first[t] for first in firsts], second[t : t + 2], frames[t : t + 2], tile, untested)
         for t in range(start, len(frames) - 1)
     ]
     return np.stack(by_frame, 1)
@@ -192,9 +194,12 @@ def light(frame: Frame) -> NDArray[np.float32]:
     return demodulate(frame.color, frame.albedo, emission=frame.emission, where=where)
 
 
-def surface_tests(before: Frame, frame: Frame, motion: NDArray[np.float32]) -> dict[str, Any]:
+def surface_tests(
+    before: Frame, frame: Frame, motion: NDArray[np.float32], *, untested: Sequence[str] = ()
+) -> dict[str, Any]:
     """Arguments of `consistency` and `reproject`: the tests of the surface that two frames have the buffers for."""
-    pairs = {name: (getattr(frame, name), getattr(before, name)) for name in ("depth", "normal", "ids")}
+    names = [name for name in ("depth", "normal", "ids") if name not in untested]
+    pairs = {name: (getattr(frame, name), getattr(before, name)) for name in names}
     known = {name: pair for name, pair in pairs.items() if pair[0] is not None and pair[1] is not None}
     tests = {name: pair[0] for name, pair in known.items()} | {f"previous_{n}": pair[1] for n, pair in known.items()}
     # The plane test needs all of these; otherwise depths are compared.
@@ -203,7 +208,11 @@ def surface_tests(before: Frame, frame: Frame, motion: NDArray[np.float32]) -> d
 
 
 def _compared(
-    firsts: Sequence[ArrayLike], second: Sequence[ArrayLike], frames: Sequence[Frame], tile: int
+    firsts: Sequence[ArrayLike],
+    second: Sequence[ArrayLike],
+    frames: Sequence[Frame],
+    tile: int,
+    untested: Sequence[str],
 ) -> NDArray[np.float64]:
     """The sums of one frame, (results, 2, 3, h, w), from the second results for it and for the next."""
     before, frame = frames
@@ -211,7 +220,7 @@ def _compared(
     if motion is None:
         # Fetch in place, as the pipelines do.
         motion = np.zeros((*frame.shape, 2), np.float32)
-    tests = surface_tests(before, frame, motion)
+    tests = surface_tests(before, frame, motion, untested=untested)
     images = [np.asarray(image, np.float32) for image in (second[0], *firsts)]
     carried, coverage = reproject(images, motion, filter="nearest", fallback=False, **tests)
     known = _eroded((coverage > _WHOLE) & np.isfinite(frame.color).all(-1))

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from ._core import SVGF, TAA, Camera, History, Output
 from .frame import BUFFERS, Frame
 from .io.files import beside
-from .judge import estimate, repetitions, sums
+from .judge import estimate, known_motion, repetitions, sums
 
 __all__ = ["PLANNED", "Plan", "Planned", "Stage", "plan"]
 
@@ -39,6 +39,8 @@ _STRICTNESS, _MARGIN = 2.0, 0.05
 #: Loss (a gain, as it is negative) below which a buffer is left out. The second is for buffers that distinguish
 #: surfaces: these matter most at edges and disocclusions, which are not judged.
 _HARM, _SURFACE_HARM = -0.125, -0.5
+#: Share of pixels found again up to which buffers that distinguish surfaces are taken for broken.
+_FEW = 0.01
 #: Squared change between frames, relative to the squared radiance, below which nothing changes but by rounding.
 _NOTHING = 1e-8
 #: Radiance above which values cannot be judged, and make results wrong: squares overflow in single precision.
@@ -55,6 +57,7 @@ _GROUPS = {
     "albedo": ("albedo", "emission"),
     "emission": ("emission",),
     "normal": ("normal", "object_normal"),
+    "position": ("position",),
     "depth": ("depth", "position", "hit_distance"),
     "ids": ("ids",),
     "motion": ("motion",),
@@ -385,10 +388,10 @@ def plan(frames: Iterable[Frame], *, count: int = PLANNED) -> Plan:
     `SVGF` runs over these frames as it is by default, and without each stage and buffer in turn. New samples judge
     the results (``yester.judge.predictive_error``). The choice of passes and buffers are left out only if the result is
     better without, at two standard errors: by 5 % of its change from frame to frame, about 1 % of its relMSE, and for
-    buffers by 12.5 %, or 50 % if they are worth most at edges (depth, normals, ids, camera). Gradient, innovation and
-    reflections are judged but always used: they are there for what the first frames may not show. The combination is
-    judged once more. Without evidence, everything is used. How many passes filter a tile is no part of a plan, since
-    `SVGF` chooses that itself, frame by frame.
+    buffers by 12.5 %, or 50 % if they are worth most at edges (position, depth, normals, ids, camera) and find
+    surfaces again. Gradient, innovation and reflections are judged but always used: they are there for what the first
+    frames may not show. The combination is judged once more. Without evidence, everything is used. How many passes
+    filter a tile is no part of a plan, since `SVGF` chooses that itself, frame by frame.
 
     If camera and scene stand still and the light is constant, all samples are averaged as long as nothing moves
     (``average_still=True``), unless that is significantly worse.
@@ -521,12 +524,17 @@ class _Planning:
         if not self.changes(default):
             return _default(self.given, "nothing changes from frame to frame")
         groups = {name: tuple(n for n in group if n in self.given) for name, group in _GROUPS.items()}
+        # What distinguishes surfaces finds them again, unless it is broken.
+        surfaces = ("position", "normal", "depth", "ids", "camera") if self.finds(default) else ()
+        of_buffers = [
+            _Trial(name, {}, group, _SURFACE_HARM if name in surfaces else _HARM)
+            for name, group in groups.items()
+            if name in group
+        ]
         rounds = [
-            [
-                _Trial(name, {}, group, _SURFACE_HARM if name in ("normal", "depth", "ids", "camera") else _HARM)
-                for name, group in groups.items()
-                if name in group
-            ],
+            # Without it first, as without depth there is no position either.
+            [trial for trial in of_buffers if trial.name == "position"],
+            [trial for trial in of_buffers if trial.name != "position"],
             [
                 _Trial("choice", {"choice": False}, (), -_MARGIN),
                 _Trial("gradient", {"gradient": False}, (), -np.inf),
@@ -560,10 +568,13 @@ class _Planning:
         found: dict[str, list[NDArray[np.float64]]] = {trial.name: [] for trial in trials}
         for number, window in enumerate(self.windows):
             if left:
-                images = [self.run(number, trial).images for trial in left]
-                parts = sums(images, self.run(number, base).images, window, start=_START)
-                for trial, part in zip(left, parts, strict=True):
-                    found[trial.name].append(part.reshape(*part.shape[:3], -1))
+                for lacking in dict.fromkeys(trial.without for trial in left):
+                    alike = [trial for trial in left if trial.without == lacking]
+                    images = [self.run(number, trial).images for trial in alike]
+                    # A buffer that is broken must not select the pixels that tell whether it is.
+                    parts = sums(images, self.run(number, base).images, window, start=_START, untested=lacking)
+                    for trial, part in zip(alike, parts, strict=True):
+                        found[trial.name].append(part.reshape(*part.shape[:3], -1))
             left = [trial for trial in left if not _bound(found[trial.name], -_STRICTNESS)[0] > trial.allowed]
         result = []
         for trial in trials:
@@ -599,6 +610,15 @@ class _Planning:
             self.runs[key] = _Run(images, min(spent[_START:]), length)
         return self.runs[key]
 
+    def finds(self, trial: _Trial) -> bool:
+        """Whether more than a few pixels are found again, by all buffers that tell surfaces apart."""
+        found = total = 0.0
+        for number, window in enumerate(self.windows):
+            images = self.run(number, trial).images
+            found += float(sums([images], images, window, start=_START)[0, :, 0, 1].sum())
+            total += math.prod(window[0].shape) * (len(window) - 1 - _START)
+        return found > _FEW * total
+
     def changes(self, trial: _Trial) -> bool:
         """Whether results change from frame to frame by more than rounding, so that there is something to judge by."""
         images = [self.run(number, trial).images for number in range(len(self.windows))]
@@ -607,12 +627,10 @@ class _Planning:
 
     def static(self, trial: _Trial) -> bool:
         """Whether camera, scene and light stand still: motion is zero, and history hardly ever cut short."""
-        still = all(
-            now.motion is not None
-            and not (np.abs(now.motion) > 1e-3).any()
-            and (now.camera is None or now.camera == first.camera)
-            for first, *others in self.windows
-            for now in others
+        pairs = [pair for window in self.windows for pair in pairwise(window)]
+        moves = (known_motion(before, frame) for before, frame in pairs)
+        still = all(before.camera == frame.camera for before, frame in pairs) and all(
+            motion is not None and not (np.abs(motion) > 1e-3).any() for motion in moves
         )
         lengths = [self.run(number, trial).length for number in range(len(self.windows))]
         # By default, the longest history has 1 / alpha = 5 samples.
