@@ -169,7 +169,8 @@ class Mixing:
                 if self.evidence is not None:
                     shares, self.evidence = yester.collocation_shares(self.evidence, motion, coverage)
                     agreed = agree(shares[..., 1] > np.float32(0.05))
-                    smooth = share_of_all(self.evidence)[0] >= 0.25 and not aliased
+                    many = 4 * (shares[..., 0] > np.float32(0.05)).sum() >= agreed.size
+                    smooth = many and share_of_all(self.evidence)[0] >= 0.25 and not aliased
                     kept = np.dstack([agreed | smooth, agreed])
                     shares = np.where(kept, shares, np.float32(0))
                     if 8 * agreed.sum() < agreed.size and not smooth:

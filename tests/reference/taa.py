@@ -319,7 +319,8 @@ class Mixing:
                 shares, self.evidence = collocation_shares(self.evidence, motion, coverage)  # (h, w, 2), (h, w, 14)
                 one = of_all(self.evidence)  # (1, 1, 14)
                 whole, _ = collocation_shares(one, torch.zeros(8, 8, 2).to(one), torch.ones(8, 8).to(one), share=0.0)
-                together = whole[0, 0, 0] >= 1 / 4 and not aliased
+                many = 4 * (shares[..., 0] > 0.05).sum() >= shares[..., 0].numel()
+                together = whole[0, 0, 0] >= 1 / 4 and many and not aliased
                 asks = (shares[..., 1] > 0.05).to(shares)[None]  # (1, h, w)
                 near = [avg_pool2d(each, 9, 1, 4, divisor_override=1)[0] for each in (asks, torch.ones_like(asks))]
                 agreed = 10 * near[0] >= 3 * near[1]  # (h, w)

@@ -37,7 +37,7 @@ use crate::rows::{self, BAND, Kernel, Simd};
 /// Of the samples, the denoised colour and the result.
 const LUMINANCES: usize = 3;
 
-/// A tile asks for samples if it would give them more than this weight.
+/// A tile asks for samples, or for the denoised colour, if it would give them more than this weight.
 const ASKS: f32 = 0.05;
 /// How many of how many tiles must ask for samples, at most [`REACH`] tiles away along each axis. Of frames of 128×96 pixels,
 /// up to a fifth do with one sample, and mostly more than a third with 16.
@@ -46,6 +46,9 @@ const REACH: usize = 4;
 /// The λ of all tiles together from which on each follows its own. With one sample behind `SVGF`, no sequence of the
 /// study that has albedo reaches a tenth of it; with 16 samples, most exceed it. Behind a network, some do with one sample.
 const DENOISED_FROM: f32 = 0.25;
+/// One over the least fraction of tiles that must ask for it themselves, as a few lamps can outweigh all other tiles. With one
+/// sample a twentieth to three tenths do, with 16 mostly more than half.
+const DENOISED_IN: usize = 4;
 /// One over the least fraction of tiles that must agree: single groups do by chance.
 const FEWEST: usize = 8;
 /// Frames for which the test pauses after too few tiles have agreed. Its evidence takes four frames, so that five of nine cost
@@ -128,8 +131,7 @@ pub fn mix(
         });
         let (mut found, left) = carried.unzip();
         if let Some((shares, evidence)) = found.as_mut().zip(left.as_ref()) {
-            let [smooth, _] = collocation::share_of_all(evidence);
-            let smooth = smooth >= DENOISED_FROM && !noise.jittered;
+            let smooth = !noise.jittered && ask_for_denoised(shares, evidence);
             if !agree(shares, smooth) && !smooth {
                 return resting;
             }
@@ -168,6 +170,14 @@ pub fn mix(
         evidence,
         rest: 0,
     }
+}
+
+/// Whether the denoised colour is better for all tiles together, and for many of them alone.
+fn ask_for_denoised(shares: &Image, evidence: &Records) -> bool {
+    let tiles = shares.plane(0);
+    let asking = tiles.iter().filter(|&&share| share > ASKS).count();
+    let [of_all, _] = collocation::share_of_all(evidence);
+    of_all >= DENOISED_FROM && DENOISED_IN * asking >= tiles.len()
 }
 
 /// Lets tiles show the result where too few around them ask for samples, or if it is `smooth`, the result and the denoised
@@ -350,6 +360,32 @@ impl<'a> Kernel for Mix<'a> {
                     interleave(result.iter().map(Row::as_slice), shown);
                 }
             }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_few_tiles_do_not_make_all_show_the_denoised_colour() {
+        let [size, tiles] = [128, 16].map(|side| Size {
+            height: side,
+            width: side,
+        });
+        // The denoised colour is the signal, the result has a quarter of the samples' noise.
+        let tile = [
+            2.0, 1.0, 1.0, 2.0, 1.0, 2.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.25, 1.0, 64.0,
+        ];
+        let mut evidence = collocation::nothing(size);
+        for record in evidence.data_mut().chunks_exact_mut(collocation::CHANNELS) {
+            record.copy_from_slice(&tile);
+        }
+        let mut shares = Image::blank(tiles, collocation::SHARES);
+        for (asking, found) in [(63, false), (64, true)] {
+            shares.data_mut()[..asking].fill(0.5);
+            assert_eq!(ask_for_denoised(&shares, &evidence), found);
         }
     }
 }
