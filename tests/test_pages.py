@@ -129,6 +129,7 @@ def test_contents_of_tables(data):
     assert table("doors", data)[1] == ["no ids", "−2.00 dB (−3.00 dB, `cut`)", *["+0.0 % (+0.0 %, `grass`)"] * 3]
     assert table("methods_through_doors", data)[1] == ["no ids", "−2.00 dB (−3.00 dB, `cut`)"]
     assert table("harmful_buffers", data)[1:] == [["no normals", FULL, "`cut` (psnr -0.50 dB)"]]
+    assert table("harmful_by_method", data)[1] == ["SVGF", "1", f"−0.50 dB (`cut`, {FULL})", "", "", ""]
     assert table("families", data)[1:] == [
         ["others", "0 / 0 / 0", "1 / 0 / 1", "0 / 0 / 0"],
         ["light that moves", "0 / 0 / 0", "0 / 1 / 0", "0 / 0 / 0"],

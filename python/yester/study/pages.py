@@ -13,7 +13,7 @@ import shlex
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
@@ -268,19 +268,38 @@ def methods_through_doors(folder: Path) -> str:
     return _table(["", *values], rows)
 
 
-def harmful_buffers(folder: Path) -> str:
-    """Where SVGF is better through a door than with one more buffer, beyond limits and two standard errors."""
-    values, rows = _through_doors(folder)["SVGF"], []
+def _harmful(
+    values: Mapping[str, Mapping[str, list[dict[str, float]]]],
+) -> Iterator[tuple[str, str, str, dict[str, float]]]:
+    """Where one more buffer harms, beyond limits and two standard errors: poorer and richer door, sequence, losses."""
     for door in DOORS:
         for richer in door.richer:
-            cases = []
             for scene, poor in values.get(door.name, {}).items():
                 gained = harm.sure(*harm.mean_gains(values[richer][scene], poor))
                 if bad := harm.harms(gained):
-                    cases.append(f"`{scene}` ({', '.join(f'{key} {harm.amount(key, gained[key])}' for key in bad)})")
-            if cases:
-                rows.append([door.name, richer, "; ".join(cases)])
-    return _table(["better", "than", "sequences"], rows)
+                    yield door.name, richer, scene, {key: gained[key] for key in bad}
+
+
+def harmful_buffers(folder: Path) -> str:
+    """Where SVGF is better through a door than with one more buffer."""
+    cases: dict[tuple[str, str], list[str]] = {}
+    for poorer, richer, scene, lost in _harmful(_through_doors(folder)["SVGF"]):
+        losses = ", ".join(f"{key} {harm.amount(key, loss)}" for key, loss in lost.items())
+        cases.setdefault((poorer, richer), []).append(f"`{scene}` ({losses})")
+    return _table(["better", "than", "sequences"], [[*pair, "; ".join(found)] for pair, found in cases.items()])
+
+
+def harmful_by_method(folder: Path) -> str:
+    """How often one more buffer harms each method, and the worst case of each metric."""
+    rows = []
+    for method, values in _through_doors(folder).items():
+        found = [*_harmful(values)]
+        row = [method, str(len(found))]
+        for key in _LABELS:
+            worst = min((case for case in found if key in case[3]), key=lambda case: case[3][key], default=None)
+            row.append("" if worst is None else f"{_amount(key, worst[3][key])} (`{worst[2]}`, {worst[1]})")
+        rows.append(row)
+    return _table(["", "cases", *_LABELS.values()], rows)
 
 
 def stress(folder: Path) -> str:
@@ -370,7 +389,7 @@ TABLES: dict[str, Callable[[Path], str]] = {
         table.__name__: table
         for table in (
             *(methods, variants, groups, sequences, ablation, antialiasing, innovation, harms, harms_with_less),
-            *(doors, methods_through_doors, harmful_buffers),
+            *(doors, methods_through_doors, harmful_buffers, harmful_by_method),
             *(stress, families, failures, speed, pipelines, kernels, machine),
         )
     },
