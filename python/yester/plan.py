@@ -615,6 +615,7 @@ class _Planning:
         found = total = 0.0
         for number, window in enumerate(self.windows):
             images = self.run(number, trial).images
+            # The second of each tile's sums is the number of its pixels that are compared.
             found += float(sums([images], images, window, start=_START)[0, :, 0, 1].sum())
             total += math.prod(window[0].shape) * (len(window) - 1 - _START)
         return found > _FEW * total

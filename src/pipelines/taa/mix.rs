@@ -43,8 +43,8 @@ const ASKS: f32 = 0.05;
 /// up to a fifth do with one sample, and mostly more than a third with 16.
 const ASK: [u32; 2] = [3, 10];
 const REACH: usize = 4;
-/// The λ of all tiles together from which on each follows its own. With one sample behind `SVGF`, no sequence of the
-/// study that has albedo reaches a tenth of it; with 16 samples, most exceed it. Behind a network, some do with one sample.
+/// The λ of all tiles together from which on each follows its own. With one sample behind `SVGF`, no sequence of the study that
+/// has albedo reaches a tenth of it at 128×96 pixels; with 16 samples, most exceed it. Behind a network, some do with one sample.
 const DENOISED_FROM: f32 = 0.25;
 /// One over the least fraction of tiles that must ask for it themselves, as a few lamps can outweigh all other tiles. With one
 /// sample a twentieth to three tenths do, with 16 mostly more than half.

@@ -19,6 +19,7 @@ from yester import BMFR, OIDN, SVGF, Frame
 from ..rendered.recording import Recording, record
 from ..rendered.sequences import expand, parser
 from . import harm, samples
+from .oracle import PASSES, TILE
 from .samples import COLUMNS, Images, Method, cells, errors, steps
 
 __all__ = ["METHODS", "SEQUENCES", "main", "needed"]
@@ -48,10 +49,6 @@ SEQUENCES = (
 )
 
 
-#: The most passes that `SVGF` chooses, and the side in pixels of the tiles that choose.
-_MOST, _TILE = 4, 8
-
-
 def _timed(method: Method, seconds: list[float]) -> Method:
     def run(frames: Iterable[Frame]) -> Images:
         start = perf_counter()
@@ -71,11 +68,11 @@ def needed(recording: Recording) -> list[float]:
     for i in range(len(recording.frames)):
         choice = denoiser.step(recording.frame(i)).choice
         if i in recording.references and choice is not None:
-            rows, columns = (range(0, side, _TILE) for side in choice.shape)
-            most = np.array([[choice[y : y + _TILE, x : x + _TILE].max() for x in columns] for y in rows])
+            rows, columns = (np.arange(0, side, TILE) for side in choice.shape)
+            most = np.maximum.reduceat(np.maximum.reduceat(choice, rows, 0), columns, 1)
             padded = np.pad(most, 1, mode="edge")
             around = np.lib.stride_tricks.sliding_window_view(padded, (3, 3)).max((-1, -2))
-            shares.append([float(np.mean(around > passes)) for passes in range(_MOST)])
+            shares.append([float(np.mean(around > passes)) for passes in PASSES[:-1]])
     return [float(mean) for mean in np.mean(shares, 0)]
 
 
@@ -83,7 +80,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Print two tables: rows of methods for each sequence, then their means; and the tiles that need each pass."""
     options = parser("yester.study.compare.larger", __doc__, SEQUENCES).parse_args(arguments)
     rows, found, relative = [["sequence", "", *COLUMNS.values(), "time"]], {}, {}
-    passes = [["tiles that need pass", *map(str, range(1, _MOST + 1))]]
+    passes = [["tiles that need pass", *map(str, PASSES[1:])]]
     for name in expand(options.sequences):
         recording = record(name, options.cache, frames=12, width=768, height=576, reference_spp=64)
         seconds: dict[str, list[float]] = {method: [] for method in METHODS}
