@@ -403,6 +403,14 @@ def corrected_runs(found: NDArray) -> NDArray[np.bool_]:
     return np.repeat(runs, RUN, axis=1)[:, : anything.shape[1], None]
 
 
+def variance_of_mean(moments: NDArray, number: NDArray) -> NDArray:
+    """The variance of the mean of so many samples, by the moments of their luminance."""
+    spread = moments[..., 1] - moments[..., 0] * moments[..., 0]
+    spread = np.where(spread > 0, spread, np.float32(0))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return spread / np.maximum(number - 1, np.float32(1)) * (1 + np.float32(4) / number)
+
+
 def luminance(color: NDArray) -> NDArray:
     r, g, b = np.moveaxis(color, -1, 0)
     return np.float32(0.2126) * r + np.float32(0.7152) * g + np.float32(0.0722) * b
@@ -637,6 +645,8 @@ class SVGF:
                 change = np.float32(yester.light_change(sample, history[0], confidence))
                 factors = change, np.float32([change, change * change]), np.float32(1)
                 self.still = [image * f for image, f in zip(self.still, factors, strict=True)]
+                if "emission" in self.still_guides:
+                    self.still_guides["emission"] = self.still_guides["emission"] * change
             if self.innovation and not replays:
                 history, self.history = follow_light(sample, history, confidence, self.history, self.mirrored)
         if self.fireflies:
@@ -669,8 +679,18 @@ class SVGF:
             shape = sample.shape[:2]
             mean = self.still or [np.zeros((*shape, *channels), np.float32) for channels in ((3,), (2,), ())]
             mean = yester.accumulate(frame.color, *mean, gradient=gradient, alpha=0.0, moments_alpha=0.0)
+            if self.still is None:
+                self.still_guides, self.still_lag = {}, None
             self.still = [mean.color, mean.moments, mean.history_length]
             self.still_frames += 1
+            for name in ("albedo", "emission", "normal"):
+                fresh = getattr(frame, name)
+                if fresh is not None:
+                    known = self.still_guides.get(name, fresh)
+                    number = np.maximum(mean.history_length, np.float32(1))[..., None]
+                    with np.errstate(invalid="ignore"):
+                        averaged = np.where(np.isfinite(fresh), known + (fresh - known) / number, known)
+                    self.still_guides[name] = np.where(np.isfinite(known), averaged, fresh)
         expected = [*history[:2], shorten(history[2], gradient)]
         recalled = [image.copy() for image in expected]
         color, moments, length = kept
@@ -744,8 +764,7 @@ class SVGF:
         if self.antialias:
             final = self.finish(self.stage, final, frame, seen, still, confidence <= 0)
         if averages:
-            final = blacken(final)
-            final = yester.converge(final, *self.still, exposure=yester.exposure(final))
+            final = self.settle(blacken(final), frame, motion)
         return SimpleNamespace(
             color=blacken(final),
             variance=final_variance,
@@ -782,6 +801,35 @@ class SVGF:
         self.mixing = self.mixing or Mixing()
         about = {"exposure": exposure, "repeats": self.repeats, "aliased": frame.jitter is not None}
         return self.mixing.mix(frame.color, color, motion, shown, **about)
+
+    def settle(self, shown: NDArray, frame: yester.Frame, motion: NDArray) -> NDArray:
+        """What is shown of a still frame: the filtered mean of all samples, as far as it has enough of them."""
+        mean, moments, number = self.still
+        bright = yester.exposure(mean)
+        if self.innovation and self.still_frames > 1:
+            known = {"evidence": self.still_lag, "motion": motion, "exposure": bright}
+            found, self.still_lag = yester.innovation(frame.color, mean, number, **known, strictness=24, share=0.7)
+            mean, moments = self.still[:2] = correct_history(mean, moments, found)
+        albedo, emission, normal = (self.still_guides.get(name) for name in ("albedo", "emission", "normal"))
+        light, deviation = mean, np.repeat(np.sqrt(variance_of_mean(moments, number))[..., None], 3, -1)
+        if albedo is not None:
+            light, deviation = yester.demodulate(mean, albedo, emission=emission), yester.demodulate(deviation, albedo)
+        guide = {"depth": frame.depth, "ids": frame.ids if normal is None else None}
+        if normal is not None:
+            x, y, z = np.moveaxis(normal, -1, 0)
+            length = np.sqrt(x * x + y * y + z * z)[..., None]
+            with np.errstate(divide="ignore", invalid="ignore"):
+                guide["normal"] = np.where(length > 0, normal / length, np.float32(0))
+        deviation = luminance(deviation)
+        passes = {"iterations": self.iterations, **self.filter, **self.sigmas}
+        light, _ = yester.atrous(light, deviation * deviation, **guide, **passes)
+        if albedo is not None:
+            light = yester.remodulate(light, albedo, emission=emission)
+        share = np.clip((number - np.float32(8)) / np.float32(8), 0, 1)
+        share = np.where(np.isfinite(light[..., 0] + light[..., 1] + light[..., 2]), share, np.float32(0))
+        light = np.where(np.isfinite(light), light, np.float32(0))
+        shown = shown + share[..., None] * (light - shown)
+        return yester.converge(shown, mean, moments, number, exposure=bright, strictness=0.7)
 
     def choose(self, series: list, prediction, sample, motion, coverage, length, bright: float) -> tuple:
         """Select per tile from images and variances after 0, 1, 2 … passes: image, variance, and number of passes."""

@@ -190,6 +190,7 @@ def test_one_that_is_four_frames_late():
     assert result.verdict == "fails"
 
 
+@pytest.mark.long
 def test_a_turn_is_no_ghost():
     """Where the lamp turns back, the image of four frames ago is nearly that of now, that of two frames ago is not."""
     every = truths(NAMED["light travels"], 32)

@@ -655,8 +655,10 @@ class SVGF(Pipeline):
     average_still : bool, default False
         Average all samples, as with ``alpha=0, moments_alpha=0``, in frames in which nothing moves: the camera is that
         of the frame before, and the motion, without which only cameras tell, at most 0.001 pixels. For constant light.
-        With `choice`, the result then takes its detail from their mean (`converge`), and the noise that `gradient`
-        ignores grows with the square root of the frames, from ten frames on and up to four times.
+        With `choice`, the mean of all samples, filtered by the mean of the guides (`atrous`), then replaces the result,
+        beginning with eight samples and wholly from 16 on. It follows changes of light by `innovation`, and is mixed
+        with the unfiltered mean (`converge`). The noise that `gradient` ignores grows with the square root of the
+        frames, from ten frames on and up to four times.
     coherence : bool, default True
         Let depth alone validate history and guide the filter where normals and ids change from pixel to pixel and from
         frame to frame, as in grass and fur (`incoherent_guides`). Ids then only tell apart surfaces whose albedo is a
@@ -682,7 +684,8 @@ class SVGF(Pipeline):
     replay), `suppress_fireflies`, `temporal_gradient`, `virtual_motion` and `prediction_gain`, `accumulate`,
     `combine_histories` (with `later`), `choice`, `estimate_variance`, `atrous`, `compare_candidates` and `innovation`
     (with the `exposure` of the history), `remodulate`, those of `TAA`, `innovation` of its result and history (with
-    the `exposure` of the result, ``strictness=12, share=0.7``), and `converge` (with `average_still`). Of the history
+    the `exposure` of the result, ``strictness=12, share=0.7``), and with `average_still` those of the mean
+    (``strictness=24, share=0.7``): `innovation`, `demodulate`, `atrous`, `remodulate` and `converge`. Of the history
     and of `later`, no more than ``1 / alpha - 1`` samples count. The correction by a replay is an `innovation` of
     history, too: its samples are the replayed ones' change, relative to the samples blurred by `atrous`.
 
@@ -3040,6 +3043,7 @@ def converge(
     history_length: ArrayLike,
     *,
     exposure: float = 1.0,
+    strictness: float = 1.0,
     out: _Floats | None = None,
 ) -> _Floats:
     """Mix the mean of a still scene's samples into a denoised image, by how far each is from the truth.
@@ -3057,6 +3061,9 @@ def converge(
     exposure : float, default 1.0
         The scale of the light, above 0, as `exposure` returns it: below a sixteenth of it, differences count as
         absolute instead of relative.
+    strictness : float, default 1.0
+        How much of the mean's variance counts; from 0. 1 if the image is independent of the mean's noise, less if it is
+        made of the same samples: `SVGF` takes 0.7.
     out : (H, W, 3) float32 array, optional
         Written and returned instead of a new array; it may be an input.
 
@@ -3069,7 +3076,7 @@ def converge(
     Raises
     ------
     ValueError
-        On wrong shapes or an exposure out of range.
+        On wrong shapes, an exposure or a strictness out of range.
 
     See Also
     --------
@@ -3081,11 +3088,9 @@ def converge(
     -----
     A denoised image O is wrong by what its filters blur, however many frames follow; the mean M of N samples by their
     noise, which ends. In units of the light ``l = max(luminance(O), 0) + exposure/16``, with ``r = (M - O)/l`` and the
-    variance ``v = (m2 - m1*m1)/(N - 1)/l**2 * (1 + 4/N)`` of M, tiles of 8×8 pixels have the share
-    ``s = max(0, 1 - mean(v)/mean(luminance(r - R)**2))``, interpolated bilinearly, and the result is
-    ``O + s (r - R) l``: James and Stein's estimator [1]_ with O in the place of a fixed point. R is the mean of
-    ``clip(r, -1, 1)`` over 9×9 tiles: where light changes slowly, that much of the difference is the older samples'
-    error.
+    variance ``v = (m2 - m1*m1)/(N - 1) * (1 + 4/N)/l**2`` of M, tiles of 8×8 pixels have the share
+    ``s = max(0, 1 - strictness mean(v)/mean(luminance(r)**2))``, interpolated bilinearly, and the result is ``O + s r l``: James
+    and Stein's estimator [1]_ with O in the place of a fixed point.
 
     References
     ----------

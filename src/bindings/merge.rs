@@ -397,6 +397,9 @@ pub fn combine_histories<'py>(
 /// exposure : float, default 1.0
 ///     The scale of the light, above 0, as `exposure` returns it: below a sixteenth of it, differences count as
 ///     absolute instead of relative.
+/// strictness : float, default 1.0
+///     How much of the mean's variance counts; from 0. 1 if the image is independent of the mean's noise, less if it is
+///     made of the same samples: `SVGF` takes 0.7.
 /// out : (H, W, 3) float32 array, optional
 ///     Written and returned instead of a new array; it may be an input.
 ///
@@ -409,7 +412,7 @@ pub fn combine_histories<'py>(
 /// Raises
 /// ------
 /// ValueError
-///     On wrong shapes or an exposure out of range.
+///     On wrong shapes, an exposure or a strictness out of range.
 ///
 /// See Also
 /// --------
@@ -421,11 +424,9 @@ pub fn combine_histories<'py>(
 /// -----
 /// A denoised image O is wrong by what its filters blur, however many frames follow; the mean M of N samples by their
 /// noise, which ends. In units of the light ``l = max(luminance(O), 0) + exposure/16``, with ``r = (M - O)/l`` and the
-/// variance ``v = (m2 - m1*m1)/(N - 1)/l**2 * (1 + 4/N)`` of M, tiles of 8×8 pixels have the share
-/// ``s = max(0, 1 - mean(v)/mean(luminance(r - R)**2))``, interpolated bilinearly, and the result is
-/// ``O + s (r - R) l``: James and Stein's estimator [1]_ with O in the place of a fixed point. R is the mean of
-/// ``clip(r, -1, 1)`` over 9×9 tiles: where light changes slowly, that much of the difference is the older samples'
-/// error.
+/// variance ``v = (m2 - m1*m1)/(N - 1) * (1 + 4/N)/l**2`` of M, tiles of 8×8 pixels have the share
+/// ``s = max(0, 1 - strictness mean(v)/mean(luminance(r)**2))``, interpolated bilinearly, and the result is ``O + s r l``: James
+/// and Stein's estimator [1]_ with O in the place of a fixed point.
 ///
 /// References
 /// ----------
@@ -446,7 +447,7 @@ pub fn combine_histories<'py>(
 /// >>> bool(np.abs(found - truth).mean() < 0.2 * np.abs(blurred - truth).mean())
 /// True
 #[pyfunction]
-#[pyo3(name = "converge", signature = (color, mean, moments, history_length, *, exposure=1.0, out=None))]
+#[pyo3(name = "converge", signature = (color, mean, moments, history_length, *, exposure=1.0, strictness=1.0, out=None))]
 pub fn converge_<'py>(
     py: Python<'py>,
     color: &Bound<'py, PyAny>,
@@ -454,9 +455,11 @@ pub fn converge_<'py>(
     moments: &Bound<'py, PyAny>,
     history_length: &Bound<'py, PyAny>,
     exposure: f32,
+    strictness: f32,
     out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
     exposure::check(exposure)?;
+    converge::check_strictness(strictness)?;
     let shown = {
         let color = Input::<f32>::new(color, "color", COLOR)?;
         let size = color.size();
@@ -472,7 +475,7 @@ pub fn converge_<'py>(
         let (color, history) = (color.pixels(), history.each_ref().map(Input::pixels));
         out.fill(py, &shape, |shown| {
             shown.copy_from_slice(color.to_records().data_mut());
-            converge::converge(shown, history, exposure);
+            converge::converge(shown, history, exposure, strictness);
         })?
     };
     shown.array()

@@ -332,7 +332,7 @@ fn run(
         Some(sample) => merge(&now, sample, memory, &mut reports),
         None => merge_at_once(&now, memory, &mut reports),
     };
-    let still = (now.averages).then(|| Still::add(still, &now, recalled.as_ref()));
+    let mut still = (now.averages).then(|| Still::add(still, &now, recalled.as_ref()));
     let (joined, later, mut shown, moved) = match task {
         Task::Show(mut shown, later) => {
             let joined = join(&now, recalled.as_ref(), &history, later, &mut reports);
@@ -393,8 +393,8 @@ fn run(
         View::new(now.size(), 1, reports.confidence),
         shown.as_mut(),
     );
-    if let Some((still, shown)) = still.as_ref().zip(shown) {
-        still.show(shown.color);
+    if let Some((still, shown)) = still.as_mut().zip(shown) {
+        still.show(&now, shown.color);
     }
     Left {
         used: now.used([planes, replays, won.is_some()]),

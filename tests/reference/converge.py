@@ -6,12 +6,19 @@ from .accumulate import luminance
 from .choice import TILE, levels
 
 
-def converge(color: Tensor, mean: Tensor, moments: Tensor, history_length: Tensor, *, exposure: float = 1.0) -> Tensor:
-    """The mean of a still scene's samples in its denoised image: O + s (r - R) l, r = (M - O)/l, l = max(O, 0) + e/16.
+def converge(
+    color: Tensor,
+    mean: Tensor,
+    moments: Tensor,
+    history_length: Tensor,
+    *,
+    exposure: float = 1.0,
+    strictness: float = 1.0,
+) -> Tensor:
+    """The mean of a still scene's samples in its denoised image: O + s r l, r = (M - O)/l, l = max(O, 0) + e/16.
 
-    The share s = max(0, 1 - v/d) is James and Stein's, of tiles: v is the mean of (m2 - m1²)/(N - 1)/l² · (1 + 4/N),
-    the variance of r, and d the mean square of the luminance of r - R, where R is the mean of r, held to [-1, 1], over
-    9×9 tiles.
+    The share s = max(0, 1 - c v/d) is James and Stein's, of tiles: v is the mean of (m2 - m1²)/(N - 1) · (1 + 4/N)/l²,
+    the variance of r, and d the mean square of the luminance of r.
 
     Parameters
     ----------
@@ -19,6 +26,7 @@ def converge(color: Tensor, mean: Tensor, moments: Tensor, history_length: Tenso
     moments : (H, W, 2), means of luminance and of its square
     history_length : (H, W), number of samples
     exposure : float
+    strictness : float, c
 
     Returns
     -------
@@ -28,18 +36,14 @@ def converge(color: Tensor, mean: Tensor, moments: Tensor, history_length: Tenso
     light = luminance(color).clamp(min=0) + exposure / 16  # (H, W)
     relative = (mean - color) / light[..., None]  # (H, W, 3)
     first, second = moments.unbind(-1)  # (H, W) twice
-    variance = (second - first**2).clamp(min=0) / (history_length - 1) / light**2 * (1 + 4 / history_length)  # (H, W)
+    variance = (second - first**2).clamp(min=0) / (history_length - 1).clamp(min=1) * (1 + 4 / history_length)  # (H, W)
+    variance = variance / light**2  # (H, W)
     finite = (relative.sum(-1) + variance + moments.sum(-1) + history_length).isfinite()  # (H, W)
     known = (history_length >= 8) & finite  # (H, W)
     relative, variance = relative.where(known[..., None], 0), variance.where(known, 0)
-    sums = _sums(torch.cat([relative.clamp(-1, 1), known[..., None].to(relative)], -1))  # (h, w, 4)
-    wide = avg_pool2d(sums.movedim(-1, 0), 9, 1, 4, divisor_override=1).movedim(0, -1)  # (h, w, 4)
-    wide = wide[..., :3] / wide[..., 3:].clamp(min=1)  # (h, w, 3)
-    wide = torch.stack([levels(each, size) for each in wide.unbind(-1)], -1)  # (H, W, 3)
-    detail = (relative - wide).where(known[..., None], 0)  # (H, W, 3)
-    noise, square = _sums(torch.stack([variance, luminance(detail) ** 2], -1)).unbind(-1)  # (h, w) twice
-    share = (1 - noise / square).nan_to_num(0, neginf=0).clamp(min=0)  # (h, w)
-    return color + (levels(share, size) * light)[..., None].where(known[..., None], 0) * detail
+    noise, square = _sums(torch.stack([variance, luminance(relative) ** 2], -1)).unbind(-1)  # (h, w) twice
+    share = (1 - strictness * noise / square).nan_to_num(0, neginf=0).clamp(min=0)  # (h, w)
+    return color + (levels(share, size) * light)[..., None].where(known[..., None], 0) * relative
 
 
 def _sums(image: Tensor) -> Tensor:

@@ -109,8 +109,10 @@ use crate::pipelines::{history, svgf, taa};
 /// average_still : bool, default False
 ///     Average all samples, as with ``alpha=0, moments_alpha=0``, in frames in which nothing moves: the camera is that
 ///     of the frame before, and the motion, without which only cameras tell, at most 0.001 pixels. For constant light.
-///     With `choice`, the result then takes its detail from their mean (`converge`), and the noise that `gradient`
-///     ignores grows with the square root of the frames, from ten frames on and up to four times.
+///     With `choice`, the mean of all samples, filtered by the mean of the guides (`atrous`), then replaces the result,
+///     beginning with eight samples and wholly from 16 on. It follows changes of light by `innovation`, and is mixed
+///     with the unfiltered mean (`converge`). The noise that `gradient` ignores grows with the square root of the
+///     frames, from ten frames on and up to four times.
 /// coherence : bool, default True
 ///     Let depth alone validate history and guide the filter where normals and ids change from pixel to pixel and from
 ///     frame to frame, as in grass and fur (`incoherent_guides`). Ids then only tell apart surfaces whose albedo is a
@@ -136,7 +138,8 @@ use crate::pipelines::{history, svgf, taa};
 /// replay), `suppress_fireflies`, `temporal_gradient`, `virtual_motion` and `prediction_gain`, `accumulate`,
 /// `combine_histories` (with `later`), `choice`, `estimate_variance`, `atrous`, `compare_candidates` and `innovation`
 /// (with the `exposure` of the history), `remodulate`, those of `TAA`, `innovation` of its result and history (with
-/// the `exposure` of the result, ``strictness=12, share=0.7``), and `converge` (with `average_still`). Of the history
+/// the `exposure` of the result, ``strictness=12, share=0.7``), and with `average_still` those of the mean
+/// (``strictness=24, share=0.7``): `innovation`, `demodulate`, `atrous`, `remodulate` and `converge`. Of the history
 /// and of `later`, no more than ``1 / alpha - 1`` samples count. The correction by a replay is an `innovation` of
 /// history, too: its samples are the replayed ones' change, relative to the samples blurred by `atrous`.
 ///

@@ -7,24 +7,22 @@
 //!
 //! All is measured relative to the light l = max(luminance of O, 0) + e/16, e the exposure, so that dark and bright places
 //! count alike:
-//!   r = (M − O)/l, v = (m₂ − m₁²)/(N − 1)/l² · (1 + 4/N), with the moments m of the samples' luminance.
+//!   r = (M − O)/l, v = (m₂ − m₁²)/(N − 1) · (1 + 4/N)/l², with the moments m of the samples' luminance.
 //! The last factor is for few samples of heavy-tailed noise, whose variance is underestimated more often than not. Tiles of
 //! 8×8 pixels have one share each, interpolated bilinearly between their centres:
-//!   s = max(0, 1 − ⟨v⟩/⟨|luminance of r − r̄|²⟩), shown = O + s (r − r̄) l,
-//! with r̄ the mean of r, each r held to [−1, 1] before, over 9×9 tiles, interpolated likewise: what O and M differ by over
-//! so wide a window is an error of M, whose samples are old where light changes, and O has been corrected by the newest
-//! ([`crate::kernels::judge::innovation`]). Without it, slow changes of light lag. The bound is for lamps, of which one
-//! pixel would decide for all others.
+//!   s = max(0, 1 − c ⟨v⟩/⟨|luminance of r|²⟩), shown = O + s r l.
+//! The strictness c is 1 if O is independent of M's noise. If O is made of the same samples, their difference has less noise.
 //!
 //! Inputs: result (3), mean (3), moments (2), length N (1). Output: colour (3). A pixel with fewer than eight samples, or one
 //! of whose values is not finite, shows the result.
 
 use std::ops::Range;
 
-use crate::image::{BandMut, Image, Pixels, Run, SEGMENT, Size, View, segments};
+use crate::error::{Result, finite_from_0};
+use crate::image::{BandMut, Image, Pixels, Run, SEGMENT, Size, segments};
 use crate::kernels::judge::choice::{Levels, TILE, tiles};
 use crate::kernels::judge::innovation::black;
-use crate::math::{larger, luminance, smaller};
+use crate::math::{larger, luminance};
 use crate::pixels::Row;
 use crate::rows::{self, BAND, Kernel, Simd};
 
@@ -34,13 +32,20 @@ use super::accumulate::{CHANNELS, load_history};
 const FEWEST: f32 = 8.0;
 /// The variance of few samples is taken for larger by 1 + 4/N.
 const DOUBT: f32 = 4.0;
-/// Bound of r in the means over wide windows.
-const BOUND: f32 = 1.0;
-/// Tiles to each side of the wide windows, in which the result's mean is kept.
-const WIDE: usize = 4;
+
+/// The variance of the mean of so many samples of a luminance, by its moments.
+#[inline(always)]
+pub fn variance_of_mean(first: f32, second: f32, samples: f32) -> f32 {
+    larger(second - first * first, 0.0) / larger(samples - 1.0, 1.0) * (1.0 + DOUBT / samples)
+}
+
+/// An error if a strictness is out of range.
+pub fn check_strictness(strictness: f32) -> Result<()> {
+    finite_from_0("strictness", strictness)
+}
 
 /// Mixes the mean of so many samples (colour, moments and length) into an interleaved result.
-pub fn converge(shown: &mut [f32], history: [Pixels; 3], exposure: f32) {
+pub fn converge(shown: &mut [f32], history: [Pixels; 3], exposure: f32, strictness: f32) {
     let size = history[0].size;
     let (grid, still) = (
         tiles(size),
@@ -49,29 +54,16 @@ pub fn converge(shown: &mut [f32], history: [Pixels; 3], exposure: f32) {
             black: black(exposure),
         },
     );
-    let mut sums = Image::blank(grid, 4);
     let result = Pixels::records(size, 3, shown);
-    rows::run(
-        &Sums {
-            still: &still,
-            result,
-        },
-        grid.height,
-        sums.bands(),
-    );
-    let mut wide = Image::blank(grid, 3);
-    rows::run(&Widen(sums.view()), grid.height, wide.bands());
-    let wide = Levels3::of(&wide);
     let mut shares = Image::blank(grid, 1);
     let decide = Decide {
         still: &still,
         result,
-        wide,
+        strictness,
     };
     rows::run(&decide, grid.height, shares.bands());
     let mix = Mix {
         still: &still,
-        wide,
         shares: Levels(shares.view()),
     };
     rows::run(&mix, size.height, shown.chunks_mut(BAND * 3 * size.width));
@@ -117,7 +109,7 @@ impl Still<'_> {
             let light = larger(luminance(r, g, b), 0.0) + self.black;
             let relative = [(mr - r) / light, (mg - g) / light, (mb - b) / light];
             let spread = second - first * first;
-            let variance = larger(spread, 0.0) / (n - 1.0) / light / light * (1.0 + DOUBT / n);
+            let variance = variance_of_mean(first, second, n) / light / light;
             let sum = relative[0] + relative[1] + relative[2] + variance;
             let finite = sum.is_finite() & spread.is_finite() & n.is_finite();
             let known = finite & (n >= FEWEST);
@@ -131,54 +123,6 @@ impl Still<'_> {
     }
 }
 
-/// Three planes of tiles.
-#[derive(Clone, Copy)]
-struct Levels3<'a>([View<'a>; 3]);
-
-impl<'a> Levels3<'a> {
-    fn of(image: &'a Image) -> Self {
-        Self([0, 1, 2].map(|c| image.channels(c..c + 1)))
-    }
-
-    #[inline(always)]
-    fn read(&self, run: Run, into: &mut [Row; 3]) {
-        for (row, &plane) in into.iter_mut().zip(&self.0) {
-            Levels(plane).read(run, &mut row[..run.len]);
-        }
-    }
-}
-
-/// Sums r over each tile, and the number of its known pixels.
-struct Sums<'a> {
-    still: &'a Still<'a>,
-    result: Pixels<'a>,
-}
-
-impl<'a> Kernel for Sums<'a> {
-    type Out = BandMut<'a>;
-
-    #[inline(always)]
-    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut sums: BandMut<'a>) {
-        let (mut result, mut apart) = ([[0.0; SEGMENT]; 3], Apart::zeroed());
-        for row in rows {
-            let mut sums: [&mut [f32]; 4] = sums.rows(row);
-            sums.iter_mut().for_each(|row| row.fill(0.0));
-            for run in runs(row, self.result.size) {
-                self.result
-                    .read(run, result.each_mut().map(Row::as_mut_slice));
-                self.still.compare(run, &result, &mut apart);
-                for x in 0..run.len {
-                    let tile = (run.x + x) / TILE;
-                    for (sum, row) in sums.iter_mut().zip(&apart.relative) {
-                        sum[tile] += smaller(larger(row[x], -BOUND), BOUND);
-                    }
-                    sums[3][tile] += apart.known[x];
-                }
-            }
-        }
-    }
-}
-
 /// The runs of a row of tiles.
 #[inline(always)]
 fn runs(row: usize, size: Size) -> impl Iterator<Item = Run> {
@@ -186,44 +130,11 @@ fn runs(row: usize, size: Size) -> impl Iterator<Item = Run> {
     rows.flat_map(move |y| segments(y, size.width))
 }
 
-/// Means over the tiles around each.
-struct Widen<'a>(View<'a>);
-
-impl<'a> Kernel for Widen<'a> {
-    type Out = BandMut<'a>;
-
-    #[inline(always)]
-    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut means: BandMut<'a>) {
-        let Size { height, width } = self.0.size;
-        let near = |at: usize, side: usize| at.saturating_sub(WIDE)..(at + WIDE + 1).min(side);
-        let mut columns = [0, 1, 2, 3].map(|_| vec![0.0; width]);
-        for y in rows {
-            for (c, column) in columns.iter_mut().enumerate() {
-                column.fill(0.0);
-                for row in near(y, height).map(|y| self.0.row(c, y)) {
-                    column
-                        .iter_mut()
-                        .zip(row)
-                        .for_each(|(sum, value)| *sum += value);
-                }
-            }
-            let mut means: [&mut [f32]; 3] = means.rows(y);
-            for x in 0..width {
-                let sum = |c: usize| columns[c][near(x, width)].iter().sum::<f32>();
-                let count = larger(sum(3), 1.0);
-                for (c, mean) in means.iter_mut().enumerate() {
-                    mean[x] = sum(c) / count;
-                }
-            }
-        }
-    }
-}
-
 /// The share of the mean in each tile.
 struct Decide<'a> {
     still: &'a Still<'a>,
     result: Pixels<'a>,
-    wide: Levels3<'a>,
+    strictness: f32,
 }
 
 impl<'a> Kernel for Decide<'a> {
@@ -231,9 +142,8 @@ impl<'a> Kernel for Decide<'a> {
 
     #[inline(always)]
     fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut shares: BandMut<'a>) {
-        let (mut result, mut wide) = ([[0.0; SEGMENT]; 3], [[0.0; SEGMENT]; 3]);
-        let mut apart = Apart::zeroed();
-        let mut variances = vec![0.0; self.wide.0[0].size.width];
+        let (mut result, mut apart) = ([[0.0; SEGMENT]; 3], Apart::zeroed());
+        let mut variances = vec![0.0; tiles(self.result.size).width];
         for row in rows {
             let squares = shares.row(0, row);
             squares.fill(0.0);
@@ -241,11 +151,10 @@ impl<'a> Kernel for Decide<'a> {
             for run in runs(row, self.result.size) {
                 self.result
                     .read(run, result.each_mut().map(Row::as_mut_slice));
-                self.wide.read(run, &mut wide);
                 self.still.compare(run, &result, &mut apart);
                 for x in 0..run.len {
                     let tile = (run.x + x) / TILE;
-                    let [r, g, b] = [0, 1, 2].map(|c| apart.relative[c][x] - wide[c][x]);
+                    let [r, g, b] = apart.relative.each_ref().map(|row| row[x]);
                     let detail = luminance(r, g, b);
                     squares[tile] += apart.known[x] * detail * detail;
                     variances[tile] += apart.variance[x];
@@ -253,7 +162,7 @@ impl<'a> Kernel for Decide<'a> {
             }
             for (share, &variance) in squares.iter_mut().zip(&variances) {
                 // 0/0 where both images are alike becomes 0.
-                *share = larger(1.0 - variance / *share, 0.0);
+                *share = larger(1.0 - self.strictness * variance / *share, 0.0);
             }
         }
     }
@@ -262,7 +171,6 @@ impl<'a> Kernel for Decide<'a> {
 /// Mixes the mean into the result.
 struct Mix<'a> {
     still: &'a Still<'a>,
-    wide: Levels3<'a>,
     shares: Levels<'a>,
 }
 
@@ -272,8 +180,8 @@ impl<'a> Kernel for Mix<'a> {
     #[inline(always)]
     fn rows<S: Simd>(&self, _: S, rows: Range<usize>, shown: &'a mut [f32]) {
         let width = self.still.history[0].size.width;
-        let (mut result, mut wide) = ([[0.0; SEGMENT]; 3], [[0.0; SEGMENT]; 3]);
-        let (mut apart, mut shares) = (Apart::zeroed(), [0.0; SEGMENT]);
+        let (mut result, mut shares) = ([[0.0; SEGMENT]; 3], [0.0; SEGMENT]);
+        let mut apart = Apart::zeroed();
         for (y, shown) in rows::lines(rows, shown, 3 * width) {
             let shown = shown.as_chunks_mut::<3>().0;
             for run in segments(y, width) {
@@ -284,13 +192,11 @@ impl<'a> Kernel for Mix<'a> {
                     }
                 }
                 self.still.compare(run, &result, &mut apart);
-                self.wide.read(run, &mut wide);
                 self.shares.read(run, &mut shares[..run.len]);
                 for (x, pixel) in shown.iter_mut().enumerate() {
                     let scale = shares[x] * apart.light[x];
                     for (c, value) in pixel.iter_mut().enumerate() {
-                        let detail = apart.relative[c][x] - wide[c][x];
-                        let mixed = *value + scale * detail;
+                        let mixed = *value + scale * apart.relative[c][x];
                         *value = if apart.known[x] > 0.0 { mixed } else { *value };
                     }
                 }
