@@ -376,10 +376,51 @@ def guides(frame: yester.Frame, later=None, incoherent: NDArray | None = None) -
     return {"depth": depth, "normal": normal, "ids": ids}
 
 
+class ToldApart(yester.Frame):
+    """A frame without ids of its own: 1 where albedo is no reflectance, 2 elsewhere."""
+
+
+def told_apart(frame: yester.Frame, before: yester.Frame | None) -> tuple[yester.Frame, yester.Frame | None]:
+    """Two frames, with ids that tell light that is divided by albedo from light that is not, if they need them."""
+    if frame.ids is not None or frame.albedo is None:
+        return frame, before
+    if before is None:
+        return (with_ids(frame) if kind(frame) == "mixed" else frame), None
+    if kind(before) == "by ids" or kind(before) == kind(frame) != "mixed":
+        return frame, before
+    return with_ids(frame), with_ids(before)
+
+
+def with_ids(frame: yester.Frame) -> yester.Frame:
+    if frame.ids is not None:
+        return frame
+    mask = reflects(frame)
+    ids = np.full(frame.shape, 2, np.uint32) if mask is None else np.uint32(1) + mask
+    return ToldApart(
+        **{name: getattr(frame, name) for name in (*yester.frame.BUFFERS, "jitter", "camera")} | {"ids": ids}
+    )
+
+
+def kind(frame: yester.Frame) -> str:
+    """Where the albedo is a reflectance, and what tells."""
+    if frame.ids is not None and not isinstance(frame, ToldApart):
+        return "by ids"
+    if reflects(frame) is None:
+        return "everywhere"
+    return "nowhere" if frame.normal is None or frame.depth is None else "mixed"
+
+
+def reflects(frame: yester.Frame) -> NDArray | None:
+    """Where the albedo is a reflectance; None if nothing tells."""
+    ids = None if isinstance(frame, ToldApart) else frame.ids
+    return yester.is_reflectance(frame.albedo, ids, normal=frame.normal, depth=frame.depth)
+
+
 def coarse_ids(frame: yester.Frame) -> NDArray:
     """One id for all surfaces, and another one for those whose albedo is no reflectance; 0 stays."""
-    reflects = True if frame.albedo is None else yester.is_reflectance(frame.albedo, frame.ids)
-    return np.where(frame.ids == 0, 0, np.where(reflects, 2**32 - 2, 2**32 - 3)).astype(np.uint32)
+    mask = None if frame.albedo is None else reflects(frame)
+    reflecting = True if mask is None else mask
+    return np.where(frame.ids == 0, 0, np.where(reflecting, 2**32 - 2, 2**32 - 3)).astype(np.uint32)
 
 
 def without_fireflies(frame: yester.Frame, light: NDArray, known: NDArray, alike: dict) -> NDArray:
@@ -457,8 +498,7 @@ def between_tiles(chosen: NDArray, height: int, width: int) -> NDArray[np.float3
 
 def texture_of(frame: yester.Frame) -> dict:
     """Arguments of `demodulate` and `remodulate` for a frame with albedo."""
-    mask = None if frame.ids is None else yester.is_reflectance(frame.albedo, frame.ids)
-    return {"albedo": frame.albedo, "where": mask}
+    return {"albedo": frame.albedo, "where": reflects(frame)}
 
 
 def illumination(color: NDArray, frame: yester.Frame) -> NDArray:
@@ -470,9 +510,9 @@ def illumination(color: NDArray, frame: yester.Frame) -> NDArray:
 
 def disowned(before: yester.Frame, frame: yester.Frame) -> NDArray:
     """The ids of the frame before; an unused one where a surface's albedo has become or ceased to be a reflectance."""
-    if before.albedo is None or frame.albedo is None:
+    if before.albedo is None or frame.albedo is None or isinstance(frame, ToldApart):
         return before.ids
-    masks = ((each.ids, yester.is_reflectance(each.albedo, each.ids)) for each in (before, frame))
+    masks = ((each.ids, reflects(each)) for each in (before, frame))
     then, now = (dict(zip(ids.flat, mask.flat, strict=True)) for ids, mask in masks)
     changed = [known for known, kind in now.items() if then.get(known, kind) != kind]
     unused = next(number for number in count() if number not in now)
@@ -589,6 +629,7 @@ class SVGF:
         return self.advance(frame, None, shows=False)
 
     def advance(self, frame: yester.Frame, later, *, shows: bool) -> SimpleNamespace:
+        frame, self.before = told_apart(frame, self.before)
         sample = illumination(frame.color, frame)
         held, motion, gradient, mirrored = sample, find_motion(frame, self.before), None, None
         incoherent = None
@@ -811,20 +852,22 @@ class SVGF:
             found, self.still_lag = yester.innovation(frame.color, mean, number, **known, strictness=24, share=0.7)
             mean, moments = self.still[:2] = correct_history(mean, moments, found)
         albedo, emission, normal = (self.still_guides.get(name) for name in ("albedo", "emission", "normal"))
-        light, deviation = mean, np.repeat(np.sqrt(variance_of_mean(moments, number))[..., None], 3, -1)
-        if albedo is not None:
-            light, deviation = yester.demodulate(mean, albedo, emission=emission), yester.demodulate(deviation, albedo)
+        if albedo is None:
+            return yester.converge(shown, mean, moments, number, exposure=bright)
+        light = yester.demodulate(mean, albedo, emission=emission)
+        deviation = np.repeat(np.sqrt(variance_of_mean(moments, number))[..., None], 3, -1)
+        deviation = luminance(yester.demodulate(deviation, albedo))
         guide = {"depth": frame.depth, "ids": frame.ids if normal is None else None}
         if normal is not None:
             x, y, z = np.moveaxis(normal, -1, 0)
             length = np.sqrt(x * x + y * y + z * z)[..., None]
             with np.errstate(divide="ignore", invalid="ignore"):
                 guide["normal"] = np.where(length > 0, normal / length, np.float32(0))
-        deviation = luminance(deviation)
-        passes = {"iterations": self.iterations, **self.filter, **self.sigmas}
+        passes = {"iterations": self.iterations, **self.filter, **self.sigmas, "settled": self.settled}
+        brighter = np.float32(16) * np.float32(yester.exposure(light))
+        passes |= {"history_length": number, "relative_noise": np.inf, "tap_exposure": brighter}
         light, _ = yester.atrous(light, deviation * deviation, **guide, **passes)
-        if albedo is not None:
-            light = yester.remodulate(light, albedo, emission=emission)
+        light = yester.remodulate(light, albedo, emission=emission)
         share = np.clip((number - np.float32(8)) / np.float32(8), 0, 1)
         share = np.where(np.isfinite(light[..., 0] + light[..., 1] + light[..., 2]), share, np.float32(0))
         light = np.where(np.isfinite(light), light, np.float32(0))
@@ -1005,6 +1048,7 @@ class BMFR:
         self.age = 0
 
     def step(self, frame: yester.Frame) -> SimpleNamespace:
+        frame, self.before = told_apart(frame, self.before)
         shape = frame.color.shape[:2]
         sample, weight = illumination(frame.color, frame), None
         if frame.albedo is not None:

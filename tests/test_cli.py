@@ -1,4 +1,4 @@
-"""The command line, run in processes of its own."""
+"""The command line: in processes of its own, but for what it refuses."""
 
 import errno
 import os
@@ -7,8 +7,10 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import replace
 from functools import partial
+from io import StringIO
 from pathlib import Path
 
 import flight
@@ -41,10 +43,15 @@ def run(*arguments, code=0, program=("-m", "yester")):
 
 
 def refused(*arguments):
-    """The command fails with one line on stderr and no other output."""
-    result = run(*arguments, code=2)
-    assert result.stdout == ""
-    (line,) = result.stderr.splitlines()
+    """The command fails with one line on stderr and no other output. In this process, as starting others takes long."""
+    with redirect_stdout(StringIO()) as output, redirect_stderr(StringIO()) as errors:
+        try:
+            code = main([*map(str, arguments)])
+        except SystemExit as ended:  # by the parser
+            code = ended.code
+    assert code == 2
+    assert output.getvalue() == ""
+    (line,) = errors.getvalue().splitlines()
     assert line.startswith("yester: error: ")
     return line
 

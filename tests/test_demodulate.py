@@ -98,6 +98,43 @@ def test_reflectance_reference(height, width):
     np.testing.assert_array_equal(got, want)
 
 
+@each(("height", "width"), SIZES + TAILS)
+def test_regions_reference(height, width):
+    """Without ids: of surfaces that touch, by normals and depths that are alike or nearly so, or unknown."""
+    rng = np.random.default_rng(height)
+    albedo, ids = surfaces(rng, height, width)
+    turn = np.float32(0.2) * (ids % 7)[..., None] + rng.normal(0, 0.02, (height, width, 1)).astype(np.float32)
+    normal = np.concatenate([np.sin(turn), np.zeros_like(turn), np.cos(turn)], -1)
+    depth = np.where(ids % 3 == 0, np.inf, 5 + 0.07 * (ids % 5)).astype(np.float32)
+    depth[rng.random(depth.shape) < 0.05] = rng.choice([np.nan, -1, 0])
+    normal[rng.random(depth.shape) < 0.05] = rng.choice([np.nan, 0])
+    for guides in ({"normal": normal, "depth": depth}, {"normal": normal}, {}):
+        got = yester.is_reflectance(albedo, **guides)
+        want = reference.is_reflectance(tensor(albedo), **{name: tensor(image) for name, image in guides.items()})
+        assert (got is None) == (want is None)
+        if got is not None:
+            np.testing.assert_array_equal(got, want.numpy())
+
+
+def test_a_region_is_what_connects():
+    """A metal ring around a plate: the lobe on one side of it speaks for the other, but not for the plate."""
+    y, x = np.mgrid[:48, :48]
+    radius = np.hypot(y - 24, x - 24)
+    ring = (radius > 12) & (radius < 20)
+    albedo = np.full((48, 48, 3), 0.5, np.float32)
+    albedo[ring & (x < 24)] = 9
+    normal = np.where(ring[..., None], np.float32([1, 0, 0]), np.float32([0, 0, 1]))
+    depth = np.full((48, 48), 4, np.float32)
+    assert (yester.is_reflectance(albedo, normal=normal, depth=depth) == ~ring).all()
+    assert not yester.is_reflectance(albedo, normal=normal).any()
+    assert not yester.is_reflectance(albedo, depth=depth).any()
+    albedo[ring] = 0.5
+    albedo[5, 5:7] = 9
+    assert yester.is_reflectance(albedo, normal=normal, depth=depth) is None
+    albedo[6, 6] = 9
+    assert yester.is_reflectance(albedo, normal=normal, depth=depth).all()
+
+
 def test_a_surface_is_reflectance_as_a_whole():
     """Anywhere in the image, and whatever its other pixels have: out of range, if they are more than one in 64."""
     ids = np.ones((64, 300), np.uint32)

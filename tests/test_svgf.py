@@ -135,6 +135,24 @@ def test_albedo_that_is_no_reflectance(named, newer):
     assert [length > 1 for length in lengths] == [False, False, True, False, False, True, False]
 
 
+@pytest.mark.parametrize("lacking", [("ids",), ("ids", "normal"), ("ids", "depth", "position")], ids=str)
+def test_regions_stand_in_for_ids(lacking):
+    """Light of which the albedo is no reflectance is kept apart without ids, also where that begins and ends."""
+    frames = [replace(frame, **dict.fromkeys(lacking)) for frame in with_highlight(frames_of(NAMES, 7))]
+    check_bits(frames)
+    svgf = yester.SVGF()
+    outputs = [svgf.step(frame) for frame in frames]
+    assert all("ids" not in output.used for output in outputs)
+    for frame, output, longer in zip(frames[:3], outputs, (None, False, True), strict=False):
+        mask = yester.is_reflectance(frame.albedo, normal=frame.normal, depth=frame.depth)
+        assert (mask is None) == (longer is None)
+        if mask is not None:
+            assert not mask.all()
+            assert (output.history_length[~mask].max() > 1) == longer
+    # Without normals or depth, no pixel had a reflectance in the frame before, and all have one now.
+    assert (outputs[3].history_length.max() > 1) == (lacking == ("ids",))
+
+
 def in_leaves(frames: list[yester.Frame]) -> list[yester.Frame]:
     """Normals and ids of six surfaces by chance, one of them black, in some tiles as a whole and in others in part."""
     rng, result = np.random.default_rng(2), []

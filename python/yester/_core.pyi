@@ -580,11 +580,11 @@ class SVGF(Pipeline):
         The filter's scale of luminance differences, in standard deviations; above 0.
     relative_noise : float, default 2.5
         Most standard deviation of one sample that the filter expects, in multiples of the light around it (`atrous`),
-        in frames without normals, ids and albedo, where edges look like noise; above 0, +inf for no limit. With
-        `average_still`, there is none.
+        in frames without normals, ids and albedo, where edges look like noise; above 0, +inf for no limit. There is
+        none in the filter of the mean with `average_still`.
     tap_exposure : float, default 16.0
         The light above which brighter taps of the filter weigh less (`atrous`), in multiples of the exposure; above 0,
-        +inf to weigh all alike. With `average_still`, they do.
+        +inf to weigh all alike. With `average_still`, always 16 in the filter of the mean.
     sigma_normal : float, default 64.0
         Sharpness of the filter's normal weight; from 0.
     sigma_depth, sigma_plane : float, default 0.5 and 0.05
@@ -655,10 +655,10 @@ class SVGF(Pipeline):
     average_still : bool, default False
         Average all samples, as with ``alpha=0, moments_alpha=0``, in frames in which nothing moves: the camera is that
         of the frame before, and the motion, without which only cameras tell, at most 0.001 pixels. For constant light.
-        With `choice`, the mean of all samples, filtered by the mean of the guides (`atrous`), then replaces the result,
-        beginning with eight samples and wholly from 16 on. It follows changes of light by `innovation`, and is mixed
-        with the unfiltered mean (`converge`). The noise that `gradient` ignores grows with the square root of the
-        frames, from ten frames on and up to four times.
+        With `choice` and albedo, the mean of all samples, filtered by the mean of the guides (`atrous`), then replaces
+        the result, beginning with eight samples and wholly from 16 on. With `choice`, the result is mixed with the
+        unfiltered mean (`converge`), which follows changes of light by `innovation`, and the noise that `gradient`
+        ignores grows with the square root of the frames, from ten frames on and up to four times.
     coherence : bool, default True
         Let depth alone validate history and guide the filter where normals and ids change from pixel to pixel and from
         frame to frame, as in grass and fur (`incoherent_guides`). Ids then only tell apart surfaces whose albedo is a
@@ -679,9 +679,9 @@ class SVGF(Pipeline):
     Notes
     -----
     The method is that of Schied et al. [1]_, with their later gradient [2]_. Each step consists of this package's
-    functions and gives their bits: `motion_vectors`, `depth_change` (without cameras), `is_reflectance` (if there are
-    ids), `demodulate`, `repetition`, `reproject` (with `consistency`), `incoherent_guides`, `light_change` (without a
-    replay), `suppress_fireflies`, `temporal_gradient`, `virtual_motion` and `prediction_gain`, `accumulate`,
+    functions and gives their bits: `motion_vectors`, `depth_change` (without cameras), `is_reflectance` (with
+    albedo), `demodulate`, `repetition`, `reproject` (with `consistency`), `incoherent_guides`, `light_change` (without
+    a replay), `suppress_fireflies`, `temporal_gradient`, `virtual_motion` and `prediction_gain`, `accumulate`,
     `combine_histories` (with `later`), `choice`, `estimate_variance`, `atrous`, `compare_candidates` and `innovation`
     (with the `exposure` of the history), `remodulate`, those of `TAA`, `innovation` of its result and history (with
     the `exposure` of the result, ``strictness=12, share=0.7``), and with `average_still` those of the mean
@@ -981,7 +981,7 @@ class BMFR(Pipeline):
     Notes
     -----
     The method is that of Koskela et al. [1]_. Each step consists of this package's functions and gives their bits:
-    `motion_vectors`, `depth_change` (without cameras), `is_reflectance` (if there are ids), `demodulate`, `reproject`
+    `motion_vectors`, `depth_change` (without cameras), `is_reflectance` (with albedo), `demodulate`, `reproject`
     (with `consistency`), `light_change` (with `innovation`, without a replay), `suppress_fireflies`,
     `temporal_gradient`, `accumulate`, `exposure` (with `by_light`), `regress`, `blend`, `repetition`, `clip_history`
     and `restore_detail`, `innovation`, `remodulate`, and those of `TAA`, corrected as in `SVGF`. From frame to frame
@@ -3089,8 +3089,8 @@ def converge(
     A denoised image O is wrong by what its filters blur, however many frames follow; the mean M of N samples by their
     noise, which ends. In units of the light ``l = max(luminance(O), 0) + exposure/16``, with ``r = (M - O)/l`` and the
     variance ``v = (m2 - m1*m1)/(N - 1) * (1 + 4/N)/l**2`` of M, tiles of 8×8 pixels have the share
-    ``s = max(0, 1 - strictness mean(v)/mean(luminance(r)**2))``, interpolated bilinearly, and the result is ``O + s r l``: James
-    and Stein's estimator [1]_ with O in the place of a fixed point.
+    ``s = max(0, 1 - strictness mean(v)/mean(luminance(r)**2))``, interpolated bilinearly, and the result is
+    ``O + s r l``: James and Stein's estimator [1]_ with O in the place of a fixed point.
 
     References
     ----------
@@ -4758,23 +4758,37 @@ def incoherent_guides(
     (False, True)
     """
 
-def is_reflectance(albedo: ArrayLike, ids: ArrayLike, *, out: NDArray[np.bool_] | None = None) -> NDArray[np.bool_]:
+@overload
+def is_reflectance(
+    albedo: ArrayLike,
+    ids: ArrayLike,
+    *,
+    normal: ArrayLike | None = None,
+    depth: ArrayLike | None = None,
+    out: NDArray[np.bool_] | None = None,
+) -> NDArray[np.bool_]:
     """Tell where albedo is a reflectance: surface by surface, from the range of its values.
 
     Parameters
     ----------
     albedo : (H, W, 3) array_like of float
         As a renderer writes it; not finite counts as 0.
-    ids : (H, W) array_like of int
+    ids : (H, W) array_like of int, optional
         Pixels with the same id show the same surface.
+    normal : (H, W, 3) array_like of float, optional
+        Unit vectors. With `depth`, they tell surfaces apart where there are no ids.
+    depth : (H, W) array_like of float, optional
+        View-space z, +inf where nothing was hit.
     out : (H, W) bool array, optional
         Written and returned instead of a new array.
 
     Returns
     -------
-    mask : (H, W) bool
+    mask : (H, W) bool, or None
         True at all pixels of surfaces of which the largest albedo, over pixels and channels, is at least 0.001, and no
         more than one in 64 pixels has an albedo whose largest channel is above 1.25, or not 0 and below 1e-5.
+        None without ids, if no more than one in 1024 pixels of the image has: `demodulate` and `remodulate` take it as
+        their default.
 
     Raises
     ------
@@ -4795,6 +4809,77 @@ def is_reflectance(albedo: ArrayLike, ids: ArrayLike, *, out: NDArray[np.bool_] 
     reflectance is above 1, but reconstruction filters overshoot at edges by a tenth or so. None that is not 0 is below
     1/3295, the darkest value of 8-bit textures, but beside weak highlights a fifth of the pixels and more are
     below 1e-5.
+
+    Without ids, a surface is a region of pixels that are connected through their neighbours in rows and columns. Two
+    are connected if their normals differ by less than 26° (a cosine of 0.9) and their depths by less than a fiftieth of
+    the smaller one. Without normals or depth, the mask is False everywhere: one pixel in 1024 is a small highlight, by
+    which a whole image becomes worse than without albedo. Pipelines then filter, and fetch history, as if the mask were
+    ids.
+
+    Examples
+    --------
+    >>> albedo = np.array([[[0.5] * 3, [0.0] * 3, [9.0] * 3, [0.2] * 3]])
+    >>> yester.is_reflectance(albedo, np.array([[1, 1, 2, 2]]))
+    array([[ True,  True, False, False]])
+    """
+
+@overload
+def is_reflectance(
+    albedo: ArrayLike,
+    ids: ArrayLike | None = None,
+    *,
+    normal: ArrayLike | None = None,
+    depth: ArrayLike | None = None,
+    out: NDArray[np.bool_] | None = None,
+) -> NDArray[np.bool_] | None:
+    """Tell where albedo is a reflectance: surface by surface, from the range of its values.
+
+    Parameters
+    ----------
+    albedo : (H, W, 3) array_like of float
+        As a renderer writes it; not finite counts as 0.
+    ids : (H, W) array_like of int, optional
+        Pixels with the same id show the same surface.
+    normal : (H, W, 3) array_like of float, optional
+        Unit vectors. With `depth`, they tell surfaces apart where there are no ids.
+    depth : (H, W) array_like of float, optional
+        View-space z, +inf where nothing was hit.
+    out : (H, W) bool array, optional
+        Written and returned instead of a new array.
+
+    Returns
+    -------
+    mask : (H, W) bool, or None
+        True at all pixels of surfaces of which the largest albedo, over pixels and channels, is at least 0.001, and no
+        more than one in 64 pixels has an albedo whose largest channel is above 1.25, or not 0 and below 1e-5.
+        None without ids, if no more than one in 1024 pixels of the image has: `demodulate` and `remodulate` take it as
+        their default.
+
+    Raises
+    ------
+    ValueError
+        On wrong shapes.
+    TypeError
+        If `out` has another dtype.
+
+    See Also
+    --------
+    demodulate : Takes the mask as `where`.
+
+    Notes
+    -----
+    Renderers write other things under the name of albedo. Mitsuba's integrator ``aov`` gives the value of a BSDF for
+    one pair of directions, which on rough metal follows a highlight, from below a millionth to tens. Light that is
+    divided by it changes as much from pixel to pixel and from frame to frame. Glass, mirrors, lamps and sky have 0. No
+    reflectance is above 1, but reconstruction filters overshoot at edges by a tenth or so. None that is not 0 is below
+    1/3295, the darkest value of 8-bit textures, but beside weak highlights a fifth of the pixels and more are
+    below 1e-5.
+
+    Without ids, a surface is a region of pixels that are connected through their neighbours in rows and columns. Two
+    are connected if their normals differ by less than 26° (a cosine of 0.9) and their depths by less than a fiftieth of
+    the smaller one. Without normals or depth, the mask is False everywhere: one pixel in 1024 is a small highlight, by
+    which a whole image becomes worse than without albedo. Pipelines then filter, and fetch history, as if the mask were
+    ids.
 
     Examples
     --------

@@ -190,7 +190,7 @@ def light(frame: Frame) -> NDArray[np.float32]:
     """The colour without texture, as far as the albedo tells."""
     if frame.albedo is None:
         return frame.color
-    where = None if frame.ids is None else is_reflectance(frame.albedo, frame.ids)
+    where = is_reflectance(frame.albedo, frame.ids, normal=frame.normal, depth=frame.depth)
     return demodulate(frame.color, frame.albedo, emission=frame.emission, where=where)
 
 

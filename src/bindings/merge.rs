@@ -425,8 +425,8 @@ pub fn combine_histories<'py>(
 /// A denoised image O is wrong by what its filters blur, however many frames follow; the mean M of N samples by their
 /// noise, which ends. In units of the light ``l = max(luminance(O), 0) + exposure/16``, with ``r = (M - O)/l`` and the
 /// variance ``v = (m2 - m1*m1)/(N - 1) * (1 + 4/N)/l**2`` of M, tiles of 8×8 pixels have the share
-/// ``s = max(0, 1 - strictness mean(v)/mean(luminance(r)**2))``, interpolated bilinearly, and the result is ``O + s r l``: James
-/// and Stein's estimator [1]_ with O in the place of a fixed point.
+/// ``s = max(0, 1 - strictness mean(v)/mean(luminance(r)**2))``, interpolated bilinearly, and the result is
+/// ``O + s r l``: James and Stein's estimator [1]_ with O in the place of a fixed point.
 ///
 /// References
 /// ----------

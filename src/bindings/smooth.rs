@@ -728,16 +728,22 @@ fn bytes<'py>(mask: &Bound<'py, PyAny>, name: &str) -> PyResult<Bound<'py, PyAny
 /// ----------
 /// albedo : (H, W, 3) array_like of float
 ///     As a renderer writes it; not finite counts as 0.
-/// ids : (H, W) array_like of int
+/// ids : (H, W) array_like of int, optional
 ///     Pixels with the same id show the same surface.
+/// normal : (H, W, 3) array_like of float, optional
+///     Unit vectors. With `depth`, they tell surfaces apart where there are no ids.
+/// depth : (H, W) array_like of float, optional
+///     View-space z, +inf where nothing was hit.
 /// out : (H, W) bool array, optional
 ///     Written and returned instead of a new array.
 ///
 /// Returns
 /// -------
-/// mask : (H, W) bool
+/// mask : (H, W) bool, or None
 ///     True at all pixels of surfaces of which the largest albedo, over pixels and channels, is at least 0.001, and no
 ///     more than one in 64 pixels has an albedo whose largest channel is above 1.25, or not 0 and below 1e-5.
+///     None without ids, if no more than one in 1024 pixels of the image has: `demodulate` and `remodulate` take it as
+///     their default.
 ///
 /// Raises
 /// ------
@@ -759,33 +765,43 @@ fn bytes<'py>(mask: &Bound<'py, PyAny>, name: &str) -> PyResult<Bound<'py, PyAny
 /// 1/3295, the darkest value of 8-bit textures, but beside weak highlights a fifth of the pixels and more are
 /// below 1e-5.
 ///
+/// Without ids, a surface is a region of pixels that are connected through their neighbours in rows and columns. Two
+/// are connected if their normals differ by less than 26° (a cosine of 0.9) and their depths by less than a fiftieth of
+/// the smaller one. Without normals or depth, the mask is False everywhere: one pixel in 1024 is a small highlight, by
+/// which a whole image becomes worse than without albedo. Pipelines then filter, and fetch history, as if the mask were
+/// ids.
+///
 /// Examples
 /// --------
 /// >>> albedo = np.array([[[0.5] * 3, [0.0] * 3, [9.0] * 3, [0.2] * 3]])
 /// >>> yester.is_reflectance(albedo, np.array([[1, 1, 2, 2]]))
 /// array([[ True,  True, False, False]])
 #[pyfunction]
-#[pyo3(signature = (albedo, ids, *, out=None), name = "is_reflectance")]
+#[pyo3(signature = (albedo, ids=None, *, normal=None, depth=None, out=None), name = "is_reflectance")]
 pub fn is_reflectance_<'py>(
     py: Python<'py>,
     albedo: &Bound<'py, PyAny>,
-    ids: &Bound<'py, PyAny>,
+    ids: Option<&Bound<'py, PyAny>>,
+    normal: Option<&Bound<'py, PyAny>>,
+    depth: Option<&Bound<'py, PyAny>>,
     out: Option<Bound<'py, PyAny>>,
-) -> PyResult<Bound<'py, PyArrayDyn<bool>>> {
+) -> PyResult<Option<Bound<'py, PyArrayDyn<bool>>>> {
     let (mask, out) = {
         let albedo = Input::<f32>::new(albedo, "albedo", COLOR)?;
         let size = albedo.size();
-        let ids = Input::<u32>::new(ids, "ids", Channels::One)?.sized("ids", size)?;
-        let (albedo, ids) = (albedo.pixels(), ids.pixels());
+        let guide = GuideArgs::new(size, depth, normal, ids)?;
         let shape = [size.height, size.width];
         let out = Out::<bool>::given(out, &shape)?;
+        let (albedo, guide) = (albedo.pixels(), guide.surface());
+        let Some(surfaces) = detached(py, || Surfaces::of(albedo, &guide))? else {
+            return Ok(None);
+        };
         let mask = out.bytes()?.fill(py, &shape, |mask| {
-            let surfaces = Surfaces::new(albedo, ids);
             mask.copy_from_slice(surfaces.mask().plane(0));
         })?;
         (mask, out)
     };
-    out.array(mask.array()?)
+    Ok(Some(out.array(mask.array()?)?))
 }
 
 /// Divide colour by albedo, so that filters see illumination without texture.

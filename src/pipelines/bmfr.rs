@@ -12,6 +12,7 @@ mod fit;
 use std::ops::Range;
 
 use self::fit::{accumulate_fits, fit, restored, weigh};
+use super::apart::{stand_in, told_apart};
 use super::correction::{Weighed, correct, innovate};
 use super::frame::{Frame, Motion, Output, Pipeline, Steps, Summary, Upkeep, names, show};
 use super::history;
@@ -163,6 +164,8 @@ impl Steps for Bmfr {
         };
         let first = memory.is_none();
         let surfaces = surfaces(frame);
+        let apart = stand_in(frame, surfaces.as_ref(), memory.as_mut());
+        let frame = &told_apart(frame, apart.as_ref());
         (memory.iter_mut()).for_each(|memory| memory.reject_changed(surfaces.as_ref()));
         let inputs = Inputs::new(frame, surfaces.as_ref(), memory.as_ref());
         let Inputs {
@@ -231,7 +234,8 @@ impl Steps for Bmfr {
         (output.history_length).copy_from_slice(history.plane(LENGTH.start));
 
         let kept = Records::of(history.view());
-        let used = inputs.used;
+        let mut used = inputs.used;
+        used.retain(|&name| name != "ids" || apart.is_none());
         self.state = Some(State {
             memory: Memory::new(frame, surfaces, kept, &params.history, first),
             evidence,

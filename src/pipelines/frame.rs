@@ -170,6 +170,11 @@ impl SurfaceRecords {
         }
     }
 
+    /// Adds ids where there are none.
+    pub fn add_ids(&mut self, ids: Pixels<u32>) {
+        self.ids.get_or_insert_with(|| ids.to_records());
+    }
+
     /// Gives the pixels that have one of these ids another one.
     pub fn replace_ids(&mut self, replaced: &[u32], by: u32) {
         for id in self.ids.iter_mut().flat_map(Records::data_mut) {

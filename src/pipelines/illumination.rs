@@ -31,10 +31,9 @@ impl Colors for Illumination<'_> {
     }
 }
 
-/// The surfaces of a frame with albedo and ids.
+/// What tells where a frame's albedo is a reflectance.
 pub fn surfaces(frame: &Frame) -> Option<Surfaces> {
-    let (albedo, ids) = frame.albedo.zip(frame.surface.ids)?;
-    Some(Surfaces::new(albedo, ids))
+    Surfaces::of(frame.albedo?, &frame.surface)
 }
 
 pub fn texture<'a>(frame: &Frame<'a>, surfaces: Option<&'a Surfaces>) -> Option<Texture<'a>> {

@@ -21,7 +21,7 @@ use crate::kernels::judge::gradient::find_gradient;
 use crate::kernels::judge::light_change::light_change;
 use crate::kernels::smooth::demodulate::Texture;
 use crate::kernels::smooth::guide::Coarse;
-use crate::kernels::smooth::reflectance::Surfaces;
+use crate::kernels::smooth::reflectance::{Surfaces, as_ids};
 use crate::tiles::Tiles;
 
 const BILINEAR: reproject::Params = reproject::Params {
@@ -42,7 +42,7 @@ pub struct Memory {
     motion: Option<Records>,
     pub camera: Option<Camera>,
     demodulated: bool,
-    /// If the frame had albedo and ids.
+    /// If the frame had albedo, and ids or values in it that are no reflectance.
     surfaces: Option<Surfaces>,
 }
 
@@ -84,6 +84,16 @@ impl Memory {
         if !changed.is_empty() {
             self.surface.replace_ids(&changed, now.unused());
         }
+    }
+
+    pub fn surfaces(&self) -> Option<&Surfaces> {
+        self.surfaces.as_ref()
+    }
+
+    /// Tells surfaces apart by whether their albedo is a reflectance, if the frame had no ids.
+    pub fn tell_apart(&mut self) {
+        let ids = as_ids(self.surfaces(), self.history.size);
+        self.surface.add_ids(ids.pixels());
     }
 
     /// Multiplies all light by a factor.

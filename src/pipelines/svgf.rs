@@ -24,6 +24,7 @@ pub use self::params::{ANTIALIASED, Params};
 use self::passes::{choose, filter};
 use self::sides::{Joined, expect, join, join_reports};
 use self::still::Still;
+use super::apart::{stand_in, told_apart};
 use super::correction::innovate;
 use super::frame::{
     Expectation, Extras, Frame, History, HistoryMut, Mistake, Motion, Output, Pipeline, Steps,
@@ -211,6 +212,12 @@ impl Svgf {
         let motion = frame.motion(before.as_ref(), depth, &mut used);
         let rests = self.params.average_still && frame.rests(before.as_ref());
         let surfaces = surfaces(frame);
+        let apart = stand_in(
+            frame,
+            surfaces.as_ref(),
+            past.as_mut().map(|past| &mut past.memory),
+        );
+        let frame = &told_apart(frame, apart.as_ref());
         (past.iter_mut()).for_each(|past| past.memory.reject_changed(surfaces.as_ref()));
         let texture = texture(frame, surfaces.as_ref());
         let asks = self.params.looks_around() || !matches!(task, Task::Show(_, None));
@@ -253,6 +260,7 @@ impl Svgf {
         let left = run(now, past, still, task, reports, self.antialias.as_mut());
         let missing = left.missing;
         used.extend(left.used);
+        used.retain(|&name| name != "ids" || apart.is_none());
         let mut memory = Memory::new(frame, surfaces, left.history, &params.history, first);
         memory.reflections = left.reflections;
         self.state = Some(State {

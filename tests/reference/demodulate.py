@@ -1,3 +1,4 @@
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -6,15 +7,52 @@ LOW = 1e-3  # a surface with a reflectance has at least this somewhere,
 FAINT, HIGH = 1e-5, 1.25  # and nearly nowhere less than the one, unless it is 0, or more than the other
 
 
-def is_reflectance(albedo: Tensor, ids: Tensor) -> Tensor:
-    """Mask (H, W) of the surfaces whose largest albedo is at least `LOW`, with one pixel in 64 out of range at most."""
+def _others(most: Tensor) -> Tensor:
+    """Where the largest channel (H, W) is out of range."""
+    faint, high = (torch.tensor(bound, dtype=torch.float32).to(most) for bound in (FAINT, HIGH))
+    return (most > high) | (most > 0) & (most < faint)  # (H, W)
+
+
+def regions(normal: Tensor, depth: Tensor) -> Tensor:
+    """Label (H, W) of each region: the first of the pixels that are connected by similar neighbours."""
+    height, width = depth.shape
+    labels = torch.arange(height * width).reshape(height, width)  # (H, W)
+    angle, share = (torch.tensor(limit, dtype=torch.float32).to(depth) for limit in (0.2, 0.02))
+    pairs = []
+    for a, b in ((np.s_[1:], np.s_[:-1]), (np.s_[:, 1:], np.s_[:, :-1])):
+        turned = (normal[a] - normal[b]).square().sum(-1)
+        apart = (depth[a] - depth[b]).abs()
+        beside = (depth[a] == depth[b]) | (apart < share * torch.minimum(depth[a], depth[b]))
+        pairs.append((a, b, (turned < angle) & beside))
+    while True:
+        before = labels.clone()
+        for a, b, joined in pairs:
+            least = torch.minimum(labels[a], labels[b])
+            for side in (a, b):
+                labels[side] = torch.where(joined, torch.minimum(least, labels[side]), labels[side])
+        if torch.equal(before, labels):
+            return labels
+
+
+def is_reflectance(
+    albedo: Tensor, ids: Tensor | None = None, *, normal: Tensor | None = None, depth: Tensor | None = None
+) -> Tensor | None:
+    """Mask (H, W) of the surfaces whose largest albedo is at least `LOW`, with one pixel in 64 out of range at most.
+
+    Without ids, regions are surfaces; None if one pixel in 1024 is out of range at most.
+    """
     most = albedo.where(albedo.isfinite(), 0).amax(-1)  # (H, W)
+    others = _others(most).flatten().long()  # (H W)
+    if ids is None:
+        if 1024 * others.sum() <= others.numel():
+            return None
+        if normal is None or depth is None:
+            return torch.zeros_like(most, dtype=torch.bool)
+        ids = regions(normal, depth)
     known, index = ids.unique(return_inverse=True)  # (N,), (H, W)
     brightest = torch.zeros(len(known)).to(most).scatter_reduce(0, index.flatten(), most.flatten(), "amax")  # (N,)
-    low, faint, high = (torch.tensor(bound, dtype=torch.float32).to(most) for bound in (LOW, FAINT, HIGH))
-    others = ((most > high) | (most > 0) & (most < faint)).flatten().long()  # (H W)
     others, pixels = (torch.bincount(index.flatten(), each, len(known)) for each in (others, None))  # (N,) each
-    return ((brightest >= low) & (64 * others <= pixels))[index]  # (H, W)
+    return ((brightest >= torch.tensor(LOW, dtype=torch.float32).to(most)) & (64 * others <= pixels))[index]  # (H, W)
 
 
 def divisor(albedo: Tensor, where: Tensor | None) -> Tensor:

@@ -96,7 +96,7 @@ def derive(frames: Iterable[Frame], wanted: Collection[str]) -> Iterator[tuple[I
     - ``difference`` is c minus the previous frame's c carried along m; 0 where nothing is carried.
     - ``variance`` is that of a sample's luminance, over the frames until this one (`estimate_variance`).
     - ``denoised`` is what ``SVGF()`` makes of this frame and the earlier ones.
-    - ``demodulated`` is c divided by the albedo, as `demodulate` does; with ids, where it `is_reflectance`.
+    - ``demodulated`` is c divided by the albedo, as `demodulate` does, where it `is_reflectance`.
     - ``motion`` is computed from the cameras where frames have none; 0 where it is not finite, and in the first frame.
     """
     wanted = set(wanted)
@@ -119,7 +119,7 @@ def derive(frames: Iterable[Frame], wanted: Collection[str]) -> Iterator[tuple[I
             if motion is not None:
                 np.copyto(images["motion"], motion[..., :2], where=np.isfinite(motion[..., :2]))
         if "demodulated" in wanted and frame.albedo is not None:
-            where = None if frame.ids is None else is_reflectance(frame.albedo, frame.ids)
+            where = is_reflectance(frame.albedo, frame.ids, normal=frame.normal, depth=frame.depth)
             images["demodulated"] = demodulate(images["color"], frame.albedo, emission=frame.emission, where=where)
         if wanted & _TEMPORAL:
             temporal, known = _carried(frame, before, known, motion)

@@ -67,7 +67,7 @@ use crate::pipelines::{bmfr, history};
 /// Notes
 /// -----
 /// The method is that of Koskela et al. [1]_. Each step consists of this package's functions and gives their bits:
-/// `motion_vectors`, `depth_change` (without cameras), `is_reflectance` (if there are ids), `demodulate`, `reproject`
+/// `motion_vectors`, `depth_change` (without cameras), `is_reflectance` (with albedo), `demodulate`, `reproject`
 /// (with `consistency`), `light_change` (with `innovation`, without a replay), `suppress_fireflies`,
 /// `temporal_gradient`, `accumulate`, `exposure` (with `by_light`), `regress`, `blend`, `repetition`, `clip_history`
 /// and `restore_detail`, `innovation`, `remodulate`, and those of `TAA`, corrected as in `SVGF`. From frame to frame

@@ -34,11 +34,11 @@ use crate::pipelines::{history, svgf, taa};
 ///     The filter's scale of luminance differences, in standard deviations; above 0.
 /// relative_noise : float, default 2.5
 ///     Most standard deviation of one sample that the filter expects, in multiples of the light around it (`atrous`),
-///     in frames without normals, ids and albedo, where edges look like noise; above 0, +inf for no limit. With
-///     `average_still`, there is none.
+///     in frames without normals, ids and albedo, where edges look like noise; above 0, +inf for no limit. There is
+///     none in the filter of the mean with `average_still`.
 /// tap_exposure : float, default 16.0
 ///     The light above which brighter taps of the filter weigh less (`atrous`), in multiples of the exposure; above 0,
-///     +inf to weigh all alike. With `average_still`, they do.
+///     +inf to weigh all alike. With `average_still`, always 16 in the filter of the mean.
 /// sigma_normal : float, default 64.0
 ///     Sharpness of the filter's normal weight; from 0.
 /// sigma_depth, sigma_plane : float, default 0.5 and 0.05
@@ -109,10 +109,10 @@ use crate::pipelines::{history, svgf, taa};
 /// average_still : bool, default False
 ///     Average all samples, as with ``alpha=0, moments_alpha=0``, in frames in which nothing moves: the camera is that
 ///     of the frame before, and the motion, without which only cameras tell, at most 0.001 pixels. For constant light.
-///     With `choice`, the mean of all samples, filtered by the mean of the guides (`atrous`), then replaces the result,
-///     beginning with eight samples and wholly from 16 on. It follows changes of light by `innovation`, and is mixed
-///     with the unfiltered mean (`converge`). The noise that `gradient` ignores grows with the square root of the
-///     frames, from ten frames on and up to four times.
+///     With `choice` and albedo, the mean of all samples, filtered by the mean of the guides (`atrous`), then replaces
+///     the result, beginning with eight samples and wholly from 16 on. With `choice`, the result is mixed with the
+///     unfiltered mean (`converge`), which follows changes of light by `innovation`, and the noise that `gradient`
+///     ignores grows with the square root of the frames, from ten frames on and up to four times.
 /// coherence : bool, default True
 ///     Let depth alone validate history and guide the filter where normals and ids change from pixel to pixel and from
 ///     frame to frame, as in grass and fur (`incoherent_guides`). Ids then only tell apart surfaces whose albedo is a
@@ -133,9 +133,9 @@ use crate::pipelines::{history, svgf, taa};
 /// Notes
 /// -----
 /// The method is that of Schied et al. [1]_, with their later gradient [2]_. Each step consists of this package's
-/// functions and gives their bits: `motion_vectors`, `depth_change` (without cameras), `is_reflectance` (if there are
-/// ids), `demodulate`, `repetition`, `reproject` (with `consistency`), `incoherent_guides`, `light_change` (without a
-/// replay), `suppress_fireflies`, `temporal_gradient`, `virtual_motion` and `prediction_gain`, `accumulate`,
+/// functions and gives their bits: `motion_vectors`, `depth_change` (without cameras), `is_reflectance` (with
+/// albedo), `demodulate`, `repetition`, `reproject` (with `consistency`), `incoherent_guides`, `light_change` (without
+/// a replay), `suppress_fireflies`, `temporal_gradient`, `virtual_motion` and `prediction_gain`, `accumulate`,
 /// `combine_histories` (with `later`), `choice`, `estimate_variance`, `atrous`, `compare_candidates` and `innovation`
 /// (with the `exposure` of the history), `remodulate`, those of `TAA`, `innovation` of its result and history (with
 /// the `exposure` of the result, ``strictness=12, share=0.7``), and with `average_still` those of the mean

@@ -10,6 +10,7 @@ pub mod joint_bilateral;
 pub mod lend;
 pub mod morphological;
 pub mod reflectance;
+pub(crate) mod regions;
 pub mod regress;
 pub mod restore;
 pub mod sharpen;

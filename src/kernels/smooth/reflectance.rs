@@ -14,12 +14,18 @@
 //! The surface decides, not the pixel: a highlight's slopes pass through all values that reflectances have,
 //! and a decision that changes within a surface would divide the light of neighbours by different numbers.
 //!
-//! Inputs: albedo (3), ids (1). Values that are not finite count as 0.
+//! Where no ids are known, regions stand in for surfaces ([`regions`](super::regions)), in frames in which more than one pixel
+//! in 1024 has such a value; in others, nothing is known. Without normals or depth, regions run across the edges of surfaces,
+//! and the albedo of such a frame is no reflectance anywhere.
+//!
+//! Inputs: albedo (3); ids (1), or normal (3) and depth (1). Values that are not finite count as 0.
 
 use std::collections::HashMap;
 use std::ops::Range;
 
-use crate::image::{BandMut, Image, Pixels, SEGMENT, View, segments};
+use super::regions::regions;
+use crate::image::{BandMut, Image, Pixels, SEGMENT, Size, View, segments};
+use crate::kernels::fetch::validate::Surface;
 use crate::lanes::LANES;
 use crate::math::larger;
 use crate::pixels::Row;
@@ -33,6 +39,8 @@ const MOST: f32 = 1.25;
 const FAINT: f32 = 1e-5;
 /// A surface still has a reflectance if at most one in so many of its pixels has a value that is none.
 const RARE: usize = 64;
+/// A frame without ids has other values if more than one in so many of its pixels does.
+const RARE_ANYWHERE: usize = 1024;
 
 /// What decides for a surface.
 #[derive(Clone, Copy, Default)]
@@ -56,35 +64,75 @@ impl Kind {
     }
 }
 
+/// What tells the surfaces of a frame apart.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub enum Told {
+    /// The renderer's ids.
+    ByIds,
+    /// Connected pixels.
+    ByRegions,
+    /// None of them has a reflectance.
+    Nowhere,
+}
+
 /// The surfaces of a frame, and whether their albedo is a reflectance.
 pub struct Surfaces {
     /// By id.
     reflecting: HashMap<u32, bool>,
     /// 1 where the pixel's surface is one of them, 0 elsewhere.
     mask: Image<u8>,
+    /// What told them apart.
+    pub told: Told,
 }
 
 impl Surfaces {
-    /// The surfaces of a frame with this albedo.
-    pub fn new(albedo: Pixels, ids: Pixels<u32>) -> Self {
-        let size = albedo.size;
-        let mut kinds: Vec<HashMap<u32, Kind>> = vec![];
-        kinds.resize_with(rows::bands(size.height).count(), HashMap::new);
-        rows::run(&Kinds { albedo, ids }, size.height, kinds.iter_mut());
-        let mut all = HashMap::<u32, Kind>::new();
-        for (id, kind) in kinds.into_iter().flatten() {
-            all.entry(id).or_default().add(kind);
+    /// The surfaces of a frame. Without ids, only if its albedo has values that are no reflectance.
+    pub fn of(albedo: Pixels, surface: &Surface) -> Option<Self> {
+        match surface.ids {
+            Some(ids) => Some(Self::new(albedo, ids)),
+            None => Self::without_ids(albedo, surface),
         }
-        let reflecting = (all.into_iter())
+    }
+
+    /// The surfaces that ids tell apart.
+    pub fn new(albedo: Pixels, ids: Pixels<u32>) -> Self {
+        let reflecting = (kinds(albedo, ids).into_iter())
             .map(|(id, kind)| (id, kind.reflects()))
             .collect();
-        let mut mask = Image::blank(size, 1);
+        Self::marked(ids, reflecting)
+    }
+
+    fn without_ids(albedo: Pixels, surface: &Surface) -> Option<Self> {
+        let whole = Image::new(albedo.size, 1);
+        let all = kinds(albedo, whole.pixels())[&0];
+        if RARE_ANYWHERE * all.others <= all.pixels {
+            return None;
+        }
+        Some(match surface.normal.zip(surface.depth) {
+            Some((normal, depth)) => Self {
+                reflecting: HashMap::new(),
+                told: Told::ByRegions,
+                ..Self::new(albedo, regions(normal, depth).pixels())
+            },
+            None => Self {
+                told: Told::Nowhere,
+                ..Self::marked(whole.pixels(), [(0, false)].into())
+            },
+        })
+    }
+
+    fn marked(ids: Pixels<u32>, reflecting: HashMap<u32, bool>) -> Self {
+        let mut mask = Image::blank(ids.size, 1);
         let kernel = Mark {
             ids,
             reflecting: &reflecting,
         };
-        rows::run(&kernel, size.height, mask.bands());
-        Self { reflecting, mask }
+        rows::run(&kernel, ids.size.height, mask.bands());
+        Self {
+            reflecting,
+            mask,
+            told: Told::ByIds,
+        }
     }
 
     /// 1 at pixels whose albedo is a reflectance, 0 at the others.
@@ -109,6 +157,33 @@ impl Surfaces {
             .find(free)
             .expect("an image has fewer pixels")
     }
+}
+
+/// Ids for a frame without: 1 where the albedo is no reflectance, 2 elsewhere. 0 would be background.
+pub fn as_ids(surfaces: Option<&Surfaces>, size: Size) -> Image<u32> {
+    let mut ids = Image::blank(size, 1);
+    match surfaces {
+        Some(surfaces) => {
+            for (id, mask) in ids.data_mut().iter_mut().zip(surfaces.mask().plane(0)) {
+                *id = 1 + u32::from(*mask);
+            }
+        }
+        None => ids.data_mut().fill(2),
+    }
+    ids
+}
+
+/// What decides for each surface.
+fn kinds(albedo: Pixels, ids: Pixels<u32>) -> HashMap<u32, Kind> {
+    let height = albedo.size.height;
+    let mut kinds: Vec<HashMap<u32, Kind>> = vec![];
+    kinds.resize_with(rows::bands(height).count(), HashMap::new);
+    rows::run(&Kinds { albedo, ids }, height, kinds.iter_mut());
+    let mut all = HashMap::<u32, Kind>::new();
+    for (id, kind) in kinds.into_iter().flatten() {
+        all.entry(id).or_default().add(kind);
+    }
+    all
 }
 
 /// What decides for each surface in a band.

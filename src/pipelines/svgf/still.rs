@@ -6,7 +6,7 @@
 //! the mean itself; the innovation corrects it, by a stricter test than elsewhere, as noise that is added to it stays.
 //!
 //! The filtered mean replaces the usual result from N = 8 to 16 on, with the share (N − 8)/8, and is then mixed with the
-//! unfiltered mean ([`converge`]).
+//! unfiltered mean ([`converge`]). Without albedo, where texture looks like noise, the usual result is mixed instead.
 
 use std::array;
 use std::ops::Range;
@@ -18,7 +18,7 @@ use crate::kernels::judge::exposure::exposure;
 use crate::kernels::judge::innovation;
 use crate::kernels::merge::accumulate::{CHANNELS, Images, Samples, accumulate};
 use crate::kernels::merge::converge::{converge, variance_of_mean};
-use crate::kernels::smooth::atrous::{Source, atrous};
+use crate::kernels::smooth::atrous::{self, Source};
 use crate::kernels::smooth::demodulate::{Texture, Way};
 use crate::kernels::smooth::guide::Guide;
 use crate::math::{larger, luminance, saturate};
@@ -37,6 +37,9 @@ const CORRECTION: innovation::Params = innovation::Params {
 
 /// The filtered mean shares some of the noise of the mean itself.
 const STRICTNESS: f32 = 0.7;
+
+/// Taps weigh less above so many times the exposure, as elsewhere, so that lamps leak less light.
+const BRIGHTER: f32 = 16.0;
 
 /// Samples from which the filtered mean begins to be shown, and over which its share grows.
 const FEWEST: f32 = 8.0;
@@ -119,20 +122,25 @@ impl Still {
         let [mean, moments, number] = parts(&self.mean);
         let [albedo, emission, normal] =
             (self.guides.each_ref()).map(|guide| guide.as_ref().map(Records::pixels));
-        let texture = albedo.map(|albedo| Texture {
+        let Some(albedo) = albedo else {
+            // Nothing tells texture from noise. The usual result has been filtered as new samples find best.
+            converge(shown, [mean, moments, number], bright, 1.0);
+            return;
+        };
+        let texture = Texture {
             albedo,
             emission,
             mask: None,
-        });
-        let light = illumination(mean, texture);
+        };
+        let light = illumination(mean, Some(texture));
         let mut variance = Image::blank(size, 1);
         let noise = Noise {
             moments,
             number,
-            texture: texture.map(|texture| Texture {
+            texture: Texture {
                 emission: None,
                 ..texture
-            }),
+            },
         };
         rows::run(&noise, size.height, variance.bands());
         let normal = normal.map(|normal| {
@@ -156,13 +164,16 @@ impl Still {
             color: light.pixels(),
             variance: variance.pixels(),
             prediction: None,
-            samples: None,
-            exposure: f32::INFINITY,
+            samples: Some(number),
+            exposure: BRIGHTER * exposure(light.pixels()),
         };
         let (mut filtered, mut rest) = (Image::blank(size, 3), Image::blank(size, 1));
         let bands = filtered.bands().map(PixelsMut::Planar);
-        let params = now.params.atrous;
-        atrous(source, &guide, params, bands, rest.data_mut(), None);
+        let params = atrous::Params {
+            relative_noise: f32::INFINITY,
+            ..now.params.atrous
+        };
+        atrous::atrous(source, &guide, params, bands, rest.data_mut(), None);
         let settle = Settle {
             light: filtered.pixels(),
             texture,
@@ -242,7 +253,7 @@ fn averaged(mean: f32, fresh: f32, number: f32) -> f32 {
 struct Noise<'a> {
     moments: Pixels<'a>,
     number: Pixels<'a>,
-    texture: Option<Texture<'a>>,
+    texture: Texture<'a>,
 }
 
 impl<'a> Kernel for Noise<'a> {
@@ -263,9 +274,7 @@ impl<'a> Kernel for Noise<'a> {
                     *deviation = variance_of_mean(first, second, number[x]).sqrt();
                 }
                 let mut gray = [deviation; 3];
-                if let Some(texture) = &self.texture {
-                    texture.modulate(Way::Off, run, &mut gray);
-                }
+                self.texture.modulate(Way::Off, run, &mut gray);
                 for (x, variance) in row[run.x..][..run.len].iter_mut().enumerate() {
                     let [r, g, b] = gray.each_ref().map(|row| row[x]);
                     let deviation = luminance(r, g, b);
@@ -304,7 +313,7 @@ impl<'a> Kernel for Normalize<'a> {
 /// Shows the filtered light with its texture, by the number of samples.
 struct Settle<'a> {
     light: Pixels<'a>,
-    texture: Option<Texture<'a>>,
+    texture: Texture<'a>,
     number: Pixels<'a>,
 }
 
@@ -320,9 +329,7 @@ impl<'a> Kernel for Settle<'a> {
             for run in segments(y, width) {
                 self.light
                     .read(run, light.each_mut().map(Row::as_mut_slice));
-                if let Some(texture) = &self.texture {
-                    texture.modulate(Way::Back, run, &mut light);
-                }
+                self.texture.modulate(Way::Back, run, &mut light);
                 self.number.load(run, 0, &mut number[..run.len]);
                 for (x, pixel) in shown[run.x..][..run.len].iter_mut().enumerate() {
                     let color = light.each_ref().map(|row| row[x]);

@@ -110,6 +110,12 @@ DOORS = (
     Door("2-channel motion, no camera", partial(_flat_motion, camera=None), richer=("2-channel motion", "no camera")),
     Door("no motion", _lacking("motion"), richer=(FULL, "2-channel motion")),
     Door("no ids", _lacking("ids")),
+    Door("raw albedo, no ids", partial(_raw_albedo, ids=None), richer=("raw albedo", "no ids"), raw=True),
+    Door(
+        "no albedo, no ids",
+        _lacking("albedo", "emission", "ids"),
+        richer=("no albedo", "no ids", "raw albedo, no ids"),
+    ),
     Door("no normals", _lacking("normal", "object_normal")),
     Door("misses have depth 0", partial(_misses, depth=0)),
     Door("misses have depth 1e10", partial(_misses, depth=1e10)),
