@@ -25,6 +25,8 @@ ABSENT = {
     "2-channel motion, no camera": ("camera",),
     "no motion": ("motion",),
     "no ids": ("ids",),
+    "raw albedo, no ids": ("ids",),
+    "no albedo, no ids": ("albedo", "emission", "ids"),
     "no normals": ("normal", "object_normal"),
     "misses have depth 0": (),
     "misses have depth 1e10": (),
@@ -36,6 +38,7 @@ ABSENT = {
 OTHER = {
     "raw albedo": {"albedo"},
     "raw albedo, no emission": {"albedo"},
+    "raw albedo, no ids": {"albedo"},
     "2-channel motion": {"motion"},
     "2-channel motion, no camera": {"motion"},
     "misses have depth 0": {"depth", "position"},
