@@ -295,6 +295,8 @@ impl<'a, T: Copy + Default> Pixels<'a, T> {
 
     /// The image as views whose channels are contiguous: itself if it is interleaved, otherwise every plane.
     pub(crate) fn contiguous(self) -> impl Iterator<Item = Self> {
+        let gaps = self.strides[1] == 1 && self.strides[0] > self.channels;
+        assert!(!gaps, "a part of an interleaved image has gaps");
         let width = if self.strides[1] == 1 {
             self.channels
         } else {

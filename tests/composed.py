@@ -327,15 +327,18 @@ def antialias(
 
 
 class TAA:
-    def __init__(self, preset: str = "best", *, innovation: bool = False, **overrides):
-        self.settings, self.innovation = {**PRESETS[preset], **overrides}, innovation
+    def __init__(self, preset: str = "best", *, innovation: bool = False, fireflies: bool = False, **overrides):
+        self.settings, self.innovation, self.fireflies = {**PRESETS[preset], **overrides}, innovation, fireflies
         self.history = self.before = self.evidence = None
 
     def step(self, frame: yester.Frame) -> SimpleNamespace:
+        motion = find_motion(frame, self.before)
+        if self.fireflies:
+            known = None if self.history is None else yester.reproject(self.history[0], motion, fallback=False)[0]
+            frame = hold_down(frame, known)
         color = frame.color
         if self.settings["reconstruct"] and frame.jitter is not None:
             color = yester.resolve([color], [frame.jitter], filter="blackman-harris")
-        motion = find_motion(frame, self.before)
         tests = {} if self.before is None else same_surface(self.settings, frame, self.before, motion)
         still = find_still(frame, self.before)
         merged = antialias(for_frame(self.settings, frame), self.history, color, motion, frame.depth, still, tests)
@@ -421,6 +424,12 @@ def coarse_ids(frame: yester.Frame) -> NDArray:
     mask = None if frame.albedo is None else reflects(frame)
     reflecting = True if mask is None else mask
     return np.where(frame.ids == 0, 0, np.where(reflecting, 2**32 - 2, 2**32 - 3)).astype(np.uint32)
+
+
+def hold_down(frame: yester.Frame, known: NDArray | None) -> yester.Frame:
+    """A frame whose colour has no fireflies."""
+    guide = {name: getattr(frame, name) for name in ("depth", "normal", "ids")}
+    return replace(frame, color=yester.suppress_fireflies(frame.color, expected=known, **guide)[0])
 
 
 def without_fireflies(frame: yester.Frame, light: NDArray, known: NDArray, alike: dict) -> NDArray:
@@ -854,9 +863,10 @@ class SVGF:
         albedo, emission, normal = (self.still_guides.get(name) for name in ("albedo", "emission", "normal"))
         if albedo is None:
             return yester.converge(shown, mean, moments, number, exposure=bright)
-        light = yester.demodulate(mean, albedo, emission=emission)
+        texture = {"albedo": albedo, "where": reflects(frame)}
+        light = yester.demodulate(mean, **texture, emission=emission)
         deviation = np.repeat(np.sqrt(variance_of_mean(moments, number))[..., None], 3, -1)
-        deviation = luminance(yester.demodulate(deviation, albedo))
+        deviation = luminance(yester.demodulate(deviation, **texture))
         guide = {"depth": frame.depth, "ids": frame.ids if normal is None else None}
         if normal is not None:
             x, y, z = np.moveaxis(normal, -1, 0)
@@ -867,7 +877,7 @@ class SVGF:
         brighter = np.float32(16) * np.float32(yester.exposure(light))
         passes |= {"history_length": number, "relative_noise": np.inf, "tap_exposure": brighter}
         light, _ = yester.atrous(light, deviation * deviation, **guide, **passes)
-        light = yester.remodulate(light, albedo, emission=emission)
+        light = yester.remodulate(light, **texture, emission=emission)
         share = np.clip((number - np.float32(8)) / np.float32(8), 0, 1)
         share = np.where(np.isfinite(light[..., 0] + light[..., 1] + light[..., 2]), share, np.float32(0))
         light = np.where(np.isfinite(light), light, np.float32(0))
@@ -997,12 +1007,13 @@ def box_sums(plane: NDArray) -> NDArray:
     return (columns[:, 1:-1] + columns[:, 2:]) + columns[:, :-2]
 
 
-def by_light(color: NDArray) -> NDArray:
+def by_light(color: NDArray, *, textured: bool) -> NDArray:
     """The weights of bright light in a fit."""
     light = luminance(color)
     seen = np.isfinite(light) & (light >= 0)
     mean = box_sums(np.where(seen, light, 0)) / np.maximum(box_sums(seen), 1)
-    toned = 1 + mean / np.float32(2 * yester.exposure(color))
+    times = mean / (np.float32(16 if textured else 2) * np.float32(yester.exposure(color)))
+    toned = 1 + (times * times if textured else times)
     return 1 / (toned * toned)
 
 
@@ -1087,8 +1098,10 @@ class BMFR:
         if frame.position is None and frame.camera is None:
             geometry = None
         self.trust = None
-        if self.by_light or (self.by_light is None and frame.albedo is None):
-            self.trust = weight = by_light(color) * (1 if weight is None else weight)
+        tells_lamps = frame.albedo is not None and frame.emission is not None
+        if self.by_light or (self.by_light is None and not tells_lamps):
+            self.trust = by_light(color, textured=frame.albedo is not None)
+            weight = self.trust if weight is None else self.trust * weight
         block = self.block or (8 if frame.albedo is None else 16)
         fitted, _ = yester.regress(
             color,
@@ -1138,7 +1151,7 @@ class BMFR:
 
 class Recirculation:
     BEST = {"factor": 2, "levels": None, "nearness": 0, "history": "splat", "innovation": True}  # noqa: RUF012
-    BEST |= {"blur": 0.25, "share": (0.0, 1.0), "fade": 64.0, "limit": 8.0, "tolerance": 0.1}
+    BEST |= {"fireflies": False, "blur": 0.25, "share": (0.0, 1.0), "fade": 64.0, "limit": 8.0, "tolerance": 0.1}
     TEXTBOOK = {"factor": 4, "levels": 2, "nearness": 1, "history": "fetch", "share": (0.1, 0.5)}  # noqa: RUF012
     TEXTBOOK |= {"innovation": False}
 
@@ -1148,7 +1161,7 @@ class Recirculation:
         self.blend = {name: params[name] for name in ("share", "fade", "limit")}
         self.blur, self.tolerance = params["blur"], np.float32(params["tolerance"])
         self.nearness, self.fetches = params["nearness"], params["history"] == "fetch"
-        self.corrects = params["innovation"]
+        self.corrects, self.fireflies = params["innovation"], params["fireflies"]
         self.points = self.camera = self.evidence = None
 
     def weight(self, inverse: np.ndarray) -> np.ndarray:
@@ -1184,6 +1197,7 @@ class Recirculation:
         return found
 
     def step(self, frame: yester.Frame) -> SimpleNamespace:
+        frame = hold_down(frame, None) if self.fireflies else frame
         height, width = frame.shape
         centres = np.stack(np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5), -1)
         if frame.position is not None:
@@ -1275,12 +1289,13 @@ class Upscaler:
         separation=0.05,
         lifetime=16.0,
         sharpness=0.0,
+        fireflies=False,
         noise=2.2,
         change=4.0,
     ):
         self.scale, self.pace, self.speed = scale, {"alpha": alpha, "fast_alpha": fast_alpha, "speed": speed}, speed
         self.separation, self.lifetime, self.sharpness = separation, np.float32(lifetime), sharpness
-        self.noise, self.change = noise, np.float32(change)
+        self.fireflies, self.noise, self.change = fireflies, noise, np.float32(change)
         self.history = self.before = None
 
     def step(self, frame: yester.Frame) -> SimpleNamespace:
@@ -1298,12 +1313,8 @@ class Upscaler:
         hidden = np.zeros(large, np.float32)
         if frame.depth is not None:
             hidden = enlarge(yester.disocclusion(frame.depth, motion, separation=self.separation))
-        thin = enlarge(yester.thin_features(frame.color))
-        color, weight = yester.resample(frame.color, large, offset=jitter)
-        bright = yester.exposure(frame.color)
-
         if self.history is None:
-            history, samples = np.zeros_like(color), np.zeros(large, np.float32)
+            history, samples = np.zeros((*large, 3), np.float32), np.zeros(large, np.float32)
             lock, coverage, rejection = samples, samples, np.zeros(large, np.uint8)
         else:
             fetched, coverage = yester.reproject(self.history, moved, filter="catmull-rom-5", fallback=False)
@@ -1311,6 +1322,11 @@ class Upscaler:
             rejection, _ = yester.consistency(moved)
         across = -jitter * large[::-1] / small[::-1]  # to the samples, in pixels of the history
         there, _ = yester.resample(history, small, offset=across, filter="nearest")
+        if self.fireflies:
+            frame = hold_down(frame, there)
+        thin = enlarge(yester.thin_features(frame.color))
+        color, weight = yester.resample(frame.color, large, offset=jitter)
+        bright = yester.exposure(frame.color)
         change = enlarge(yester.temporal_gradient(frame.color, there, noise=self.noise, passes=1, widest=1))
         box = {"box": "variance", "space": "tonemapped-ycocg", "response": "clamp"}
         clipped = yester.clip_history(history, color, exposure=bright, **box)

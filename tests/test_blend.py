@@ -7,7 +7,7 @@ from compare import BAND, SIZES, TAILS, assert_close, assert_same_bits, each, te
 from hypothesis import given
 from hypothesis import strategies as st
 
-WEIGHTINGS = ["none", "tone", "luminance"]
+WEIGHTINGS = ["none", "tone", "local-tone", "luminance"]
 
 
 def images(rng, height, width):
@@ -149,6 +149,11 @@ def test_weightings_by_hand():
         0,
     ]
     np.testing.assert_allclose(got, want, rtol=1e-5)
+    around = np.array([4 / 2, 4.1 / 3, 2.1 / 3, 1.1 / 3, 1 / 3, 0])  # sums and counts of lights from 0
+    weights = np.maximum(4 * around, 1) + np.maximum([color[0, :, 0], history[0, :, 0]], 0)
+    new, old = np.array([[0.2], [0.8]]) / weights
+    got = yester.blend(color, history, 0.2, weighting="local-tone")[0, :, 0]
+    np.testing.assert_allclose(got, (new * color[0, :, 0] + old * history[0, :, 0]) / (new + old), rtol=1e-5)
     got = yester.blend(color, history, 0.2, weighting="luminance")[0, :, 0]
     # Up to 0.8, with similarities of 1/3, 1/2, 1/2 (of the least light, 0.2), 1, 0 and 1.
     shares = 0.8 - 0.6 * np.array([1 / 3, 1 / 2, 1 / 2, 1, 0, 1]) ** 2
@@ -177,9 +182,30 @@ def test_a_firefly_weighs_little():
     assert tone < 1.5
 
 
+def test_the_edge_of_a_lamp_is_not_darkened():
+    """Half of its samples hit the lamp: their mean by tone is far too dark."""
+    rng, errors = np.random.default_rng(0), {}
+    x = np.arange(16)
+    samples = [np.where(x[:, None] + rng.uniform(size=(16, 16)) < 8.5, 20, 0.1) for _ in range(40)]
+    for weighting in ("none", "tone", "local-tone"):
+        shown = np.broadcast_to(samples[0][..., None], (16, 16, 3)).astype(np.float32)
+        for sample in samples[1:]:
+            shown = yester.blend(np.repeat(sample[..., None], 3, -1), shown, 0.1, weighting=weighting)
+        errors[weighting] = shown[8].mean() / np.mean(samples, 0)[8].mean()
+    assert errors["tone"] < 0.2
+    assert errors["local-tone"] > 0.6
+
+
+@pytest.mark.parametrize("weighting", WEIGHTINGS)
+def test_the_brightest_stay_finite(weighting):
+    most = np.full((3, 4, 3), np.finfo(np.float32).max, np.float32)
+    for color, history in ((most, most), (most, 0 * most), (0 * most, most)):
+        assert np.isfinite(yester.blend(color, history, 0.2, weighting=weighting)).all()
+
+
 def test_bad_input():
     image = np.ones((2, 3, 3), np.float32)
-    with pytest.raises(ValueError, match=r'^weighting: .*"none", "tone", "luminance".*got "Tone"'):
+    with pytest.raises(ValueError, match=r'^weighting: .*"none", "tone", "local-tone", "luminance".*got "Tone"'):
         yester.blend(image, image, weighting="Tone")
     for name in ("alpha", "flicker"):
         for value in (-0.1, 1.1, np.nan, np.inf):

@@ -70,11 +70,14 @@ def test_blocks_are_smaller_without_albedo():
     check_bits(frames_of(("normal", "depth"), 10))
 
 
-def test_bright_light_weighs_less_without_albedo():
+@pytest.mark.parametrize(("lacking", "most"), [("albedo", 0.15), ("emission", 0.3)])
+def test_bright_light_weighs_less_where_lamps_are_not_told(lacking, most):
     """A lamp shines less far into its block; the reference says so as well."""
     light = np.full((24, 24, 3), 0.1, np.float32)
     light[8:10, 8:10] = 100
-    frame = yester.Frame(light)
+    albedo, black = np.full_like(light, 0.5), np.zeros_like(light)
+    known = {"albedo": albedo, "emission": black}
+    frame = yester.Frame(light, **{**known, lacking: None})
     named = {"block": 8, "antialias": False}
     usual, other, uniform = (
         yester.BMFR(**named, by_light=by_light).step(frame).color for by_light in (None, True, False)
@@ -82,12 +85,16 @@ def test_bright_light_weighs_less_without_albedo():
     assert_same_bits(usual, other)
     far = np.s_[14:16, 14:16]
     assert uniform[far].mean() > 5
-    assert np.allclose(usual[far], 0.1, rtol=0.5)
+    assert usual[far].mean() < most
     check_bits([frame, frame])
+    buffers = {name: tensor(value) for name in ("color", "albedo") if (value := getattr(frame, name)) is not None}
     want = reference.BMFR(**named).step(
-        SimpleNamespace(**dict.fromkeys((*yester.frame.BUFFERS, "jitter", "camera")) | {"color": tensor(light)})
+        SimpleNamespace(**dict.fromkeys((*yester.frame.BUFFERS, "jitter", "camera")) | buffers)
     )
     assert_close("BMFR by light", usual, want.color, rtol=1e-5)
+    complete = yester.Frame(light, **known)
+    usual, uniform = (yester.BMFR(**named, by_light=by_light).step(complete).color for by_light in (None, False))
+    assert_same_bits(usual, uniform)
 
 
 def test_albedo_that_is_no_reflectance():

@@ -198,6 +198,7 @@ def test_shots_do_not_know_each_other(tmp_path):
         ("--preset", "textbook", "svgf", "taa"),
         ("--block", 8, "svgf", "bmfr"),
         ("--features", "all", "taa", "bmfr"),
+        ("--fireflies", None, "oidn", "svgf, taa, bmfr, halfres, recirculation, temporal-oidn"),
         ("--quality", "fast", "svgf", "oidn, temporal-oidn"),
         ("--alpha", 0.1, "oidn", "svgf, taa, bmfr, halfres"),
     ],

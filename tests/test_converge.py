@@ -249,3 +249,25 @@ def test_the_mean_is_filtered_without_its_texture():
         shown = svgf.step(yester.Frame(samples[-1], albedo=albedo, **known)).color
     truth = (x * np.mean(albedos, 0))[..., None]
     assert error(shown, truth) < 0.2 * error(np.mean(samples, 0), truth)
+
+
+def test_the_mean_keeps_albedo_that_is_no_reflectance():
+    """A lobe by one pair of directions a sample: light that is divided by its mean is noisier than it was."""
+    rng = np.random.default_rng(0)
+    pipelines = yester.SVGF(average_still=True), composed.SVGF(average_still=True), yester.SVGF()
+    x = np.linspace(0.2, 0.8, 64, dtype=np.float32) * np.ones((48, 1), np.float32)
+    metal = np.arange(64) >= 32
+    known = {
+        "motion": np.zeros((48, 64, 2), np.float32),
+        "depth": np.full((48, 64), 4.0, np.float32),
+        "ids": np.where(metal, 2, 1).astype(np.uint32) * np.ones((48, 1), np.uint32),
+    }
+    for _ in range(24):
+        lobe = np.exp(3 * rng.standard_normal((48, 64))).astype(np.float32)
+        albedo = np.where(metal, lobe, np.float32(0.5))[..., None].repeat(3, -1)
+        color = (rng.gamma(1, x)[..., None] * np.where(metal, 1, 0.5)[:, None]).astype(np.float32).repeat(3, -1)
+        frame = yester.Frame(color, albedo=albedo, **known)
+        shown, same, usual = (pipeline.step(frame).color for pipeline in pipelines)
+    assert_same_bits(shown, same)
+    truth = (x * np.where(metal, 1, 0.5))[..., None]
+    assert error(shown[:, metal], truth[:, metal]) < error(usual[:, metal], truth[:, metal])

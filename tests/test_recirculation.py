@@ -204,6 +204,7 @@ CHOICES = [
     {"preset": "textbook"},
     {"history": "fetch", "blur": 0.0, "nearness": 0, "innovation": True},
     {"innovation": False},
+    {"fireflies": True},
 ]
 
 
@@ -226,14 +227,14 @@ def test_bits_are_those_of_the_functions(names, options):
     assert set(got.used) == used
 
 
-@pytest.mark.parametrize("options", [{}, {"nearness": 2}, {"preset": "textbook"}])
+@pytest.mark.parametrize("options", [{}, {"nearness": 2}, {"preset": "textbook"}, {"fireflies": True}])
 def test_reference_pipeline(options):
     """Equal to the references, but for points on borders between pixels, which accumulate over frames."""
     pipeline, other = yester.Recirculation(**options), reference.Recirculation(**options)
     for frame in frames_of(("depth", "motion"), count=4):
         got = pipeline.step(frame)
         buffers = {name: tensor(getattr(frame, name)) for name in ("color", "depth", "motion", "position")}
-        want = other.step(composed.SimpleNamespace(**buffers, camera=frame.camera, jitter=None))
+        want = other.step(composed.SimpleNamespace(**buffers, camera=frame.camera, jitter=None, normal=None, ids=None))
         for name in IMAGES:
             image, like = getattr(got, name), np.asarray(getattr(want, name))
             assert (np.abs(image - like) > 1e-4 * (1 + np.abs(like))).mean() < 0.02

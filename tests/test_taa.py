@@ -33,6 +33,7 @@ OVERRIDES = [
     {"filter": "bilinear", "box": "chroma-hull", "space": "ycocg", "response": "current", "speed": 0.5},
     {"alpha": 0.0, "fast_alpha": 1.0, "speed": (0.1, 4.0), "box": "intersection", "space": "rgb", "response": "clamp"},
     {"innovation": True},
+    {"fireflies": True, "innovation": True},
 ]
 
 
@@ -79,7 +80,7 @@ def test_frames_without_guides_have_a_share_of_their_own():
 
 def test_frames_with_guides_are_weighted_by_tone():
     """Albedo, normals and ids are guides."""
-    tone = {"guided_exposure": 0, "weighting": "tone"}
+    tone = {"guided_exposure": 0, "weighting": "local-tone"}
     for guides in ((), *((name,) for name in ("albedo", "depth", "normal", "ids"))):
         frames = frames_of(("color", "motion", "camera", *guides), 3)
         made, same, plain = (
@@ -143,7 +144,9 @@ def test_doubts_are_the_kernels_arguments(preset, doubts):
     assert (other < plain - 1e-4).mean() > 0.02
 
 
-@pytest.mark.parametrize("doubts", [doubts for doubts in DOUBTS if doubts.get("filter") != "nearest"])
+@pytest.mark.parametrize(
+    "doubts", [*(doubts for doubts in DOUBTS if doubts.get("filter") != "nearest"), {"fireflies": True}]
+)
 def test_doubts_are_as_the_reference_has_them(doubts):
     """With the rejection of the 2×2 footprint in any case."""
     taa, other = yester.TAA(**doubts), reference.TAA(**doubts)

@@ -16,6 +16,7 @@ OVERRIDES = [
     {"scale": 1.3, "alpha": 0.2, "fast_alpha": 0.9, "speed": 0.5},
     {"scale": 3.0, "separation": 0.01, "lifetime": 2.0, "sharpness": 0.7},
     {"scale": 1.0, "alpha": 0.0, "fast_alpha": 0.0, "speed": (0.2, 4.0), "sharpness": 1.0},
+    {"fireflies": True},
 ]
 
 
@@ -65,7 +66,7 @@ def test_any_size_and_wild_motion(size):
         check_bits(frames, scale=scale)
 
 
-@pytest.mark.parametrize("options", [{}, {"scale": 1.5, "sharpness": 0.5, "lifetime": 4.0}])
+@pytest.mark.parametrize("options", [{}, {"scale": 1.5, "sharpness": 0.5, "lifetime": 4.0}, {"fireflies": True}])
 @pytest.mark.parametrize("names", [NAMES, ("color", "position", "camera"), ("color", "motion", "jitter")])
 def test_reference(options, names):
     """The pipeline against its float64 composition, in which decisions may flip in a few pixels."""

@@ -16,7 +16,7 @@ _Filter: TypeAlias = Literal["bilinear", "nearest", "catmull-rom", "catmull-rom-
 _Box: TypeAlias = Literal["variance", "minmax", "rounded", "intersection", "hull", "exact-hull", "chroma-hull"]
 _Space: TypeAlias = Literal["ycocg", "rgb", "tonemapped-ycocg", "tonemapped-rgb"]
 _Response: TypeAlias = Literal["center", "clamp", "current", "ellipsoid"]
-_Weighting: TypeAlias = Literal["none", "tone", "luminance"]
+_Weighting: TypeAlias = Literal["none", "tone", "local-tone", "luminance"]
 
 __all__ = [
     "BMFR",
@@ -942,10 +942,10 @@ class BMFR(Pipeline):
         Side of the blocks in pixels, 4 to 256. By default 16, and 8 in frames without albedo, whose texture no feature
         tells. The paper has 32, for images of 1280×720.
     by_light : bool, optional
-        Give pixels less weight in a fit where light is bright: ``1 / (1 + l / 2e)**2``, with l the mean luminance of
-        the accumulated light over 3×3 pixels and e its `exposure`. By default in frames without albedo, where lamps are
-        fitted together with the dark around them. The differences by which new samples correct the output have the
-        same weights.
+        Give pixels less weight in a fit where light is bright: ``1 / (1 + x)**2`` with ``x = l / 2e`` without albedo
+        and ``x = (l / 16e)**2`` with it, l being the mean luminance of the accumulated light over 3×3 pixels and e its
+        `exposure`. By default in frames without albedo or emission, where lamps are fitted together with the dark
+        around them. The differences by which new samples correct the output have the same weights.
     features : {"fewest", "all"}, default "fewest"
         As in `regress`.
     restore : bool, default True
@@ -990,7 +990,7 @@ class BMFR(Pipeline):
     at least 1/N. Detail is restored with a strictness of 0.7. It comes from the accumulated light of histories of at
     least 3.5 samples, clipped by ``clip_history(box="minmax", space="rgb", response="clamp")`` to the new samples, and
     its variance is ``(m2 - m1²) / N``. With `by_light`, what exceeds both fit and own new sample is divided by ``(1 +
-    l / 16e)**2``: history beside a lamp contains some of it.
+    x / 8)**2``: history beside a lamp contains some of it.
 
     References
     ----------
@@ -1082,9 +1082,9 @@ class TAA(Pipeline):
         neighbours along x and y differ in depth by more than a tenth of the smaller one: what is thinner than a pixel
         needs its history. By default 0 in all presets.
     guided_exposure : float, optional
-        Frames with albedo, normals or ids are blended with `weighting` "tone" at so many times the exposure, from 0;
-        with 0, as `weighting` says. What a denoiser lets leak from a lamp into the dark then fades faster, and what is
-        not much brighter than the exposure is blended as before. By default 16 in preset "denoised", else 0.
+        Frames with albedo, normals or ids are blended with `weighting` "local-tone" at so many times the exposure, from
+        0; with 0, as `weighting` says. What a denoiser lets leak from a lamp into the dark then fades faster, and what
+        is not much brighter than the exposure is blended as before. By default 16 in preset "denoised", else 0.
     dilate : {"3x3", "cross", "none"}, optional
         Window of `dilate_motion`: the nearest pixel's motion if there is depth, else the longest.
     dilate_margin : float, optional
@@ -1109,6 +1109,10 @@ class TAA(Pipeline):
         Largest relative difference of the albedo's luminance: rejects history where textures change or move.
     ids : bool, default False
         Reject history with another id.
+    fireflies : bool, default False
+        First clamp samples far brighter than their surroundings and their history, fetched bilinearly without tests,
+        and redistribute the excess over their surface (`suppress_fireflies`): of the frame's colour, or if that is
+        denoised, of the `samples` of `step`.
     gradient : bool, default False
         Shorten history where the light changes by more than aliasing and noise explain (`temporal_gradient`). It helps
         with frames without noise; fireflies and other rare bright samples are mistaken for changes.
@@ -1149,15 +1153,13 @@ class TAA(Pipeline):
     Upscaler : Antialiases and upscales.
     morphological_aa : Antialiases a single image.
 
-    Notes
-    -----
-    Each step consists of this package's functions and gives their bits: `resolve` (with "blackman-harris", of frames
-    that tell their jitter, but for "textbook"), `motion_vectors`, `depth_change` (for tests of depth),
-    `dilate_motion`, `reproject` without fallback, `blend_factor`, `exposure`, `clip_history`, `alternation`,
-    `anti_lag`, `temporal_gradient` (``noise=2.2, passes=3, widest=5``), `blend`. The weight of a pixel's N-th sample
-    is at least 1/N. With a gradient λ, N is first shortened to N (1 - λ)¹⁰, and the weight a becomes ``lerp(a, 1,
-    λ)``, as in `accumulate`. Preset "karis" follows Karis [1]_, "filament" Google's Filament [2]_; Yang et al. [3]_
-    survey the field.
+    Notes ----- Each step consists of this package's functions and gives their bits: `motion_vectors`, `depth_change`
+    (for tests of depth), `suppress_fireflies`, `resolve` (with "blackman-harris", of frames that tell their jitter, but
+    for "textbook"), `dilate_motion`, `reproject` without fallback, `blend_factor`, `exposure`, `clip_history`,
+    `alternation`, `anti_lag`, `temporal_gradient` (``noise=2.2, passes=3, widest=5``), `blend`. The weight of a pixel's
+    N-th sample is at least 1/N. With a gradient λ, N is first shortened to N (1 - λ)¹⁰, and the weight a becomes
+    ``lerp(a, 1, λ)``, as in `accumulate`. Preset "karis" follows Karis [1]_, "filament" Google's Filament [2]_; Yang et
+    al. [3]_ survey the field.
 
     References
     ----------
@@ -1202,6 +1204,7 @@ class TAA(Pipeline):
         normal_angle: _Threshold | None = None,
         relative_albedo: _Threshold | None = None,
         ids: bool = False,
+        fireflies: bool = False,
         gradient: bool = False,
         anti_lag: float = 0.0,
         alternation: bool = False,
@@ -1281,6 +1284,9 @@ class Recirculation(Pipeline):
     tolerance : float, optional
         As in `splat`; also the largest difference of a sample's depth, relative to it, from that of history at its
         pixel. Both presets have 0.1. No effect with "fetch".
+    fireflies : bool, default False
+        First clamp samples far brighter than the other samples around, and redistribute the excess over those of their
+        surface (`suppress_fireflies`, by depth, normals and ids, without history).
     innovation : bool, optional
         Add the error of the result, as estimated from new samples over blocks of pixels and a few frames, to the result
         and to history (`innovation`), for changing light. The correction is relative to each pixel's own light, so that
@@ -1297,17 +1303,15 @@ class Recirculation(Pipeline):
     splat : Scatters history.
     recirculate : Blends history and new samples.
 
-    Notes
-    -----
-    After a developer's diary [1]_. Each step consists of this package's functions and gives their bits: `pull_push` (of
-    colour and the inverse of depth), `splat` (with a reach of 0.5), `motion_vectors`, `recirculate`, without blur for
-    the next frame and with it for the result, and from the second frame on `innovation` (``sparse=True``, with the
-    `exposure` of the result, and the motion of `recirculate`). The point of a traced pixel lies where it was sampled
-    (`Frame.position` or `Frame.jitter`, else the centre), that of a pixel with history where history's point lies, and
-    that of a filled pixel at the centre, at the filled depth. Filled colour is ignored where history has eight times
-    its quality; otherwise static pixels would never become as sharp as their samples. With `Frame.motion` at traced
-    pixels, moving objects are extrapolated (`splat`'s drift); without it, they leave a ghost until samples overwrite
-    it.
+    Notes ----- After a developer's diary [1]_. Each step consists of this package's functions and gives their bits:
+    `suppress_fireflies`, `pull_push` (of colour and the inverse of depth), `splat` (with a reach of 0.5),
+    `motion_vectors`, `recirculate`, without blur for the next frame and with it for the result, and from the second
+    frame on `innovation` (``sparse=True``, with the `exposure` of the result, and the motion of `recirculate`). The
+    point of a traced pixel lies where it was sampled (`Frame.position` or `Frame.jitter`, else the centre), that of a
+    pixel with history where history's point lies, and that of a filled pixel at the centre, at the filled depth. Filled
+    colour is ignored where history has eight times its quality; otherwise static pixels would never become as sharp as
+    their samples. With `Frame.motion` at traced pixels, moving objects are extrapolated (`splat`'s drift); without it,
+    they leave a ghost until samples overwrite it.
 
     In hole filling, a sample at depth ``z`` has weight ``max(z**-nearness, 1e-24)``. The quality of a filled pixel is
     divided by the weight at its depth, so that it counts samples.
@@ -1345,6 +1349,7 @@ class Recirculation(Pipeline):
         fade: float | None = None,
         limit: float | None = None,
         tolerance: float | None = None,
+        fireflies: bool = False,
         innovation: bool | None = None,
     ) -> Self: ...
     def step(self, frame: Frame, out: Output | None = None) -> Output:
@@ -1401,6 +1406,9 @@ class Upscaler(Pipeline):
         Frames until the lock of a thin feature expires after its last detection; above 0.
     sharpness : float, default 0.0
         Strength of `sharpen`, 0 (off) to 1. History is not sharpened.
+    fireflies : bool, default False
+        First clamp samples far brighter than their surroundings and their history, and redistribute the excess over
+        their surface (`suppress_fireflies`).
 
     Raises
     ------
@@ -1413,14 +1421,13 @@ class Upscaler(Pipeline):
     TAA : Antialiases without upscaling.
     jitter : Sub-pixel offsets.
 
-    Notes
-    -----
-    Its parts follow AMD's FSR 2 [1]_. Each step consists of this package's functions and gives their bits:
-    `dilate_motion`, `disocclusion`, `thin_features`, `resample` (colour by "lanczos-2", all else by "nearest"),
-    `reproject` with "catmull-rom-5" and without tests, `temporal_gradient` between the new samples and the history at
-    their places, `clip_history`, `blend_factor`, `blend` and `sharpen`. A new frame of weight w is blended into a
-    history of N samples per pixel with w/(N + w). Clipping is undone in static pixels, unless the gradient detects a
-    change of light, and where a thin feature is locked. `Output.history_length` counts samples per output pixel.
+    Notes ----- Its parts follow AMD's FSR 2 [1]_. Each step consists of this package's functions and gives their bits:
+    `dilate_motion`, `disocclusion`, `reproject` with "catmull-rom-5" and without tests, `suppress_fireflies`,
+    `thin_features`, `resample` (colour by "lanczos-2", all else by "nearest"), `temporal_gradient` between the new
+    samples and the history at their places, `clip_history`, `blend_factor`, `blend` and `sharpen`. A new frame of
+    weight w is blended into a history of N samples per pixel with w/(N + w). Clipping is undone in static pixels,
+    unless the gradient detects a change of light, and where a thin feature is locked. `Output.history_length` counts
+    samples per output pixel.
 
     References
     ----------
@@ -1444,6 +1451,7 @@ class Upscaler(Pipeline):
         separation: float = 0.05,
         lifetime: float = 16.0,
         sharpness: float = 0.0,
+        fireflies: bool = False,
     ) -> Self: ...
     def step(self, frame: Frame, out: Output | None = None) -> Output:
         """Upscale the next frame of the sequence.
@@ -3254,9 +3262,10 @@ def blend(
     alpha : float or (H, W) array_like of float, default 0.05
         Blend factor: weight of the new sample, 0 to 1, for all pixels or for each, as `blend_factor` returns it. Maps
         are clamped; NaN counts as 1.
-    weighting : {"none", "tone", "luminance"}, default "none"
-        "tone" weights both sides by 1/(exposure + luminance) as well; "luminance" raises alpha up to fourfold, but to 1
-        at most, where luminances differ.
+    weighting : {"none", "tone", "local-tone", "luminance"}, default "none"
+        "tone" weights both sides by 1/(exposure + luminance) as well; "local-tone" does so with four times the mean
+        luminance of the 3×3 pixels of `color` around for exposure, where that is more; "luminance" raises alpha up to
+        fourfold, but to 1 at most, where luminances differ.
     flicker : float, default 1.0
         Factor on alpha, 0 to 1, where history has the lowest or highest luminance of the 3×3 pixels of `color` around;
         1 for no reduction.
@@ -3281,13 +3290,12 @@ def blend(
     clip_history : Clips history, and blends in the same pass.
     accumulate : Merges by the number of samples.
 
-    Notes
-    -----
-    First `flicker`, of Karis [1]_: with ``k = lerp(flicker, 1, d)`` and d the distance of history's luminance from the
-    nearer end of the neighbourhood's range, in half ranges, alpha becomes ``alpha (k + alpha (1 - k))``. Then the
-    weighting. "none": ``h + alpha (c - h)``. "tone" is Karis's, too. "luminance": the same as "none" with
-    ``lerp(min(4 alpha, 1), alpha, (1 - d)²)`` for alpha and ``d = min(|l - l'| / max(l, l', 0.2 exposure), 1)``, as in
-    INSIDE [2]_.
+    Notes ----- First `flicker`, of Karis [1]_: with ``k = lerp(flicker, 1, d)`` and d the distance of history's
+    luminance from the nearer end of the neighbourhood's range, in half ranges, alpha becomes ``alpha (k + alpha (1 -
+    k))``. Then the weighting. "none": ``h + alpha (c - h)``. "tone" is Karis's, too. It darkens the edges of lamps, as
+    most samples that hit one count for little there; "local-tone", our own, does so less. Missing pixels are left out
+    of its mean, and negative luminances count as 0. "luminance": the same as "none" with ``lerp(min(4 alpha, 1), alpha,
+    (1 - d)²)`` for alpha and ``d = min(|l - l'| / max(l, l', 0.2 exposure), 1)``, as in INSIDE [2]_.
 
     References
     ----------
@@ -4812,9 +4820,9 @@ def is_reflectance(
 
     Without ids, a surface is a region of pixels that are connected through their neighbours in rows and columns. Two
     are connected if their normals differ by less than 26° (a cosine of 0.9) and their depths by less than a fiftieth of
-    the smaller one. Without normals or depth, the mask is False everywhere: one pixel in 1024 is a small highlight, by
-    which a whole image becomes worse than without albedo. Pipelines then filter, and fetch history, as if the mask were
-    ids.
+    the smaller one. Without normals or depth there are no regions: where more than one pixel in 1024 is out of range,
+    the mask is False everywhere, as small highlights are enough to make albedo harm the whole image. In frames without
+    ids whose albedo is out of range, pipelines validate and filter by the mask as if it were ids.
 
     Examples
     --------
@@ -4877,9 +4885,9 @@ def is_reflectance(
 
     Without ids, a surface is a region of pixels that are connected through their neighbours in rows and columns. Two
     are connected if their normals differ by less than 26° (a cosine of 0.9) and their depths by less than a fiftieth of
-    the smaller one. Without normals or depth, the mask is False everywhere: one pixel in 1024 is a small highlight, by
-    which a whole image becomes worse than without albedo. Pipelines then filter, and fetch history, as if the mask were
-    ids.
+    the smaller one. Without normals or depth there are no regions: where more than one pixel in 1024 is out of range,
+    the mask is False everywhere, as small highlights are enough to make albedo harm the whole image. In frames without
+    ids whose albedo is out of range, pipelines validate and filter by the mask as if it were ids.
 
     Examples
     --------

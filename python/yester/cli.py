@@ -52,10 +52,10 @@ if TYPE_CHECKING:
 #: The methods of `yester denoise`: constructor and the names of its options.
 _METHODS: dict[str, tuple[Callable[..., Any], tuple[str, ...]]] = {
     "svgf": (SVGF, ("alpha", "iterations", "sigma_luminance", "feedback", "fireflies", "choice", "innovation")),
-    "taa": (TAA, ("preset", "alpha", "innovation")),
+    "taa": (TAA, ("preset", "alpha", "fireflies", "innovation")),
     "bmfr": (BMFR, ("alpha", "block", "features", "fireflies", "innovation")),
     "halfres": (HalfRes, ("alpha", "iterations", "sigma_luminance", "fireflies", "choice", "innovation")),
-    "recirculation": (Recirculation, ("innovation",)),
+    "recirculation": (Recirculation, ("fireflies", "innovation")),
     "oidn": (OIDN, ("quality",)),
     "temporal-oidn": (partial(OIDN, temporal=True), ("quality", "fireflies", "innovation", "choice")),
 }
@@ -245,6 +245,8 @@ def _parser() -> argparse.ArgumentParser:
     files(upscale)
     upscale.add_argument("--scale", type=float, default=2.0, help="ratio of sizes along each side, 1 to 4; %(default)s")
     upscale.add_argument("--sharpness", type=float, default=0.0, help="0 (off, the default) to 1")
+    about = "redistribute samples far brighter than their surroundings first"
+    upscale.add_argument("--fireflies", action="store_true", help=about)
     upscale.add_argument("--denoise", action="store_true", help="denoise with SVGF first")
 
     screen = command(_picture, "picture", "turn EXR frames into PNG files or an animation")
@@ -466,9 +468,10 @@ def _planned(frames: Iterable[Frame]) -> Plan:
 
 def _upscale(options: argparse.Namespace) -> int:
     _need("exr", "OpenEXR", "tqdm")
-    upscaler = Upscaler(options.scale, sharpness=options.sharpness)
+    held = options.fireflies and not options.denoise
+    upscaler = Upscaler(options.scale, sharpness=options.sharpness, fireflies=held)
     # No antialiasing: it would average out the jitter that the upscaler needs.
-    denoiser = SVGF(antialias=False)
+    denoiser = SVGF(antialias=False, fireflies=options.fireflies)
 
     def denoised(frames: Iterator[Frame], used: dict[str, None]) -> Iterator[Frame]:
         pipeline = copy(denoiser)

@@ -592,9 +592,10 @@ pub fn resolve_<'py>(
 /// alpha : float or (H, W) array_like of float, default 0.05
 ///     Blend factor: weight of the new sample, 0 to 1, for all pixels or for each, as `blend_factor` returns it. Maps
 ///     are clamped; NaN counts as 1.
-/// weighting : {"none", "tone", "luminance"}, default "none"
-///     "tone" weights both sides by 1/(exposure + luminance) as well; "luminance" raises alpha up to fourfold, but to 1
-///     at most, where luminances differ.
+/// weighting : {"none", "tone", "local-tone", "luminance"}, default "none"
+///     "tone" weights both sides by 1/(exposure + luminance) as well; "local-tone" does so with four times the mean
+///     luminance of the 3×3 pixels of `color` around for exposure, where that is more; "luminance" raises alpha up to
+///     fourfold, but to 1 at most, where luminances differ.
 /// flicker : float, default 1.0
 ///     Factor on alpha, 0 to 1, where history has the lowest or highest luminance of the 3×3 pixels of `color` around;
 ///     1 for no reduction.
@@ -619,13 +620,12 @@ pub fn resolve_<'py>(
 /// clip_history : Clips history, and blends in the same pass.
 /// accumulate : Merges by the number of samples.
 ///
-/// Notes
-/// -----
-/// First `flicker`, of Karis [1]_: with ``k = lerp(flicker, 1, d)`` and d the distance of history's luminance from the
-/// nearer end of the neighbourhood's range, in half ranges, alpha becomes ``alpha (k + alpha (1 - k))``. Then the
-/// weighting. "none": ``h + alpha (c - h)``. "tone" is Karis's, too. "luminance": the same as "none" with
-/// ``lerp(min(4 alpha, 1), alpha, (1 - d)²)`` for alpha and ``d = min(|l - l'| / max(l, l', 0.2 exposure), 1)``, as in
-/// INSIDE [2]_.
+/// Notes ----- First `flicker`, of Karis [1]_: with ``k = lerp(flicker, 1, d)`` and d the distance of history's
+/// luminance from the nearer end of the neighbourhood's range, in half ranges, alpha becomes ``alpha (k + alpha (1 -
+/// k))``. Then the weighting. "none": ``h + alpha (c - h)``. "tone" is Karis's, too. It darkens the edges of lamps, as
+/// most samples that hit one count for little there; "local-tone", our own, does so less. Missing pixels are left out
+/// of its mean, and negative luminances count as 0. "luminance": the same as "none" with ``lerp(min(4 alpha, 1), alpha,
+/// (1 - d)²)`` for alpha and ``d = min(|l - l'| / max(l, l', 0.2 exposure), 1)``, as in INSIDE [2]_.
 ///
 /// References
 /// ----------

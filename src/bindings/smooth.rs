@@ -767,9 +767,9 @@ fn bytes<'py>(mask: &Bound<'py, PyAny>, name: &str) -> PyResult<Bound<'py, PyAny
 ///
 /// Without ids, a surface is a region of pixels that are connected through their neighbours in rows and columns. Two
 /// are connected if their normals differ by less than 26° (a cosine of 0.9) and their depths by less than a fiftieth of
-/// the smaller one. Without normals or depth, the mask is False everywhere: one pixel in 1024 is a small highlight, by
-/// which a whole image becomes worse than without albedo. Pipelines then filter, and fetch history, as if the mask were
-/// ids.
+/// the smaller one. Without normals or depth there are no regions: where more than one pixel in 1024 is out of range,
+/// the mask is False everywhere, as small highlights are enough to make albedo harm the whole image. In frames without
+/// ids whose albedo is out of range, pipelines validate and filter by the mask as if it were ids.
 ///
 /// Examples
 /// --------

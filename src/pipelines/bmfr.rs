@@ -11,7 +11,7 @@ mod fit;
 
 use std::ops::Range;
 
-use self::fit::{accumulate_fits, fit, restored, weigh};
+use self::fit::{accumulate_fits, by_light, fit, restored, without_emitters};
 use super::apart::{stand_in, told_apart};
 use super::correction::{Weighed, correct, innovate};
 use super::frame::{Frame, Motion, Output, Pipeline, Steps, Summary, Upkeep, names, show};
@@ -44,8 +44,8 @@ pub struct Params {
     /// Side of the blocks in pixels; 4 to 256. `None` stands for 16, and for 8 in frames without albedo, whose light has
     /// texture that no feature describes.
     pub block: Option<usize>,
-    /// Whether bright light weighs less in a fit, and in what new samples correct. `None` stands for frames without albedo, in
-    /// which lamps are fitted together with the dark around them.
+    /// Whether bright light weighs less in a fit, and in what new samples correct. `None` stands for frames without albedo or
+    /// emission, in which lamps are fitted together with the dark around them.
     pub by_light: Option<bool>,
     /// How many features each block is fitted to.
     pub features: regress::Choice,
@@ -177,17 +177,21 @@ impl Steps for Bmfr {
         let (mut history, missing) = merge(&params.history, &sample, &past, output.confidence);
         let light = history.pixels().part(LIGHT);
         let bright = exposure(light);
-        let by_light = params.by_light.unwrap_or(frame.albedo.is_none());
-        let weight = weigh(light, bright, frame.albedo, by_light);
+        let textured = frame.albedo.is_some();
+        let tells_lamps = textured && frame.emission.is_some();
+        let by_light =
+            (params.by_light.unwrap_or(!tells_lamps)).then(|| by_light(light, bright, textured));
+        let by_light = by_light.as_ref().map(Image::view);
+        let reflecting = (frame.albedo).map(|albedo| without_emitters(albedo, by_light));
+        let weight = reflecting.as_ref().map(Image::view).or(by_light);
         let fit = fit(
             light,
             features,
-            weight.as_ref().map(Image::pixels),
+            weight.map(Pixels::from),
             params.features,
             params.block_of(frame),
             age,
         );
-        let by_weight = weight.as_ref().filter(|_| by_light).map(Image::view);
         accumulate_fits(&fit, &past.history, params.fitted_alpha, &mut history);
         let mixes = params.antialias.is_some_and(|stage| stage.choice);
         let compared = (mixes || params.restore.is_some())
@@ -196,13 +200,13 @@ impl Steps for Bmfr {
         let repeats = repeats.unwrap_or(false);
         // The mean of noise that repeats varies by more than its samples tell.
         let mut detailed = (params.restore.filter(|_| !repeats))
-            .map(|params| restored(&history, sample.pixels(), by_weight, params));
+            .map(|params| restored(&history, sample.pixels(), by_light, params));
         drop((sample, past, fit));
         let evidence = (params.history.innovation.filter(|_| !first)).map(|params| {
             inputs.correct(
                 params,
                 bright,
-                by_weight,
+                by_light,
                 evidence.as_ref(),
                 &mut history,
                 detailed.as_mut(),
@@ -218,7 +222,7 @@ impl Steps for Bmfr {
                 let denoised = Denoised {
                     color: color.into(),
                     corrects: params.history.innovation.is_some(),
-                    weight: by_weight,
+                    weight: by_light,
                     repeats,
                     others: Others {
                         tests: Tests::none(),
@@ -335,8 +339,7 @@ impl<'a> Inputs<'a> {
     }
 
     /// Estimates from new samples what is wrong with the output, which is `detailed` or, without it, the fits. Corrects output,
-    /// fits and history by it. Samples count by their weights in the fits, if light has a part in these. Returns the evidence
-    /// for the next frame.
+    /// fits and history by it. Samples count by `weight`, if there is one. Returns the evidence for the next frame.
     fn correct(
         &self,
         params: innovation::Params,

@@ -2,6 +2,7 @@
 
 use super::frame::Frame;
 use crate::image::{Image, Pixels, Run};
+use crate::kernels::fetch::validate::Surface;
 use crate::kernels::smooth::demodulate::{Texture, Way, modulate};
 use crate::kernels::smooth::fireflies::{self, suppress_fireflies};
 use crate::kernels::smooth::guide::Guide;
@@ -67,14 +68,8 @@ pub fn without_fireflies(
     guide: &Guide,
     params: fireflies::Params,
 ) -> Image {
-    let suppress = |seen: Pixels, expected: Option<Pixels>| {
-        let mut held = Image::blank(seen.size, 3);
-        let bands = held.bands().map(PixelsMut::Planar);
-        suppress_fireflies(seen, expected, guide, params, bands);
-        held
-    };
     let Some(texture) = texture else {
-        return suppress(illumination.pixels(), known);
+        return held_down(illumination.pixels(), known, guide, params);
     };
     let texture = Texture {
         emission: None,
@@ -82,6 +77,30 @@ pub fn without_fireflies(
     };
     let seen = modulated(illumination.pixels(), texture, Way::Back);
     let expected = known.map(|known| modulated(known, texture, Way::Back));
-    let held = suppress(seen.pixels(), expected.as_ref().map(Image::pixels));
+    let expected = expected.as_ref().map(Image::pixels);
+    let held = held_down(seen.pixels(), expected, guide, params);
     modulated(held.pixels(), texture, Way::Off)
+}
+
+/// Samples without fireflies, as they are seen. `known` is the history's colour.
+pub fn samples_without_fireflies(
+    samples: Pixels,
+    known: Option<Pixels>,
+    surface: Surface,
+    params: fireflies::Params,
+) -> Image {
+    let guide = Guide::new(samples.size, params.radius, surface, None);
+    held_down(samples, known, &guide, params)
+}
+
+fn held_down(
+    seen: Pixels,
+    expected: Option<Pixels>,
+    guide: &Guide,
+    params: fireflies::Params,
+) -> Image {
+    let mut held = Image::blank(seen.size, 3);
+    let bands = held.bands().map(PixelsMut::Planar);
+    suppress_fireflies(seen, expected, guide, params, bands);
+    held
 }

@@ -1,8 +1,9 @@
 //! Recirculation: whole pictures of frames of which a part of the pixels is traced, as a list of this library's
 //! kernels:
 //!
-//!   (motion of a still scene) → pull-push → splat → motion → recirculate → (innovation)     history is splatted, or
-//!   (motion of a still scene) → pull-push → motion → recirculate → (innovation)             history is fetched
+//!   (suppress fireflies) → (motion of a still scene) → pull-push → splat → motion → recirculate → (innovation)
+//!
+//! if history is splatted, and without `splat` if it is fetched.
 //!
 //! Splatted, history is a set of points, one for each pixel: colour, depth, place in the pixel, drift and quality. The
 //! points are scattered to where they appear now; the new samples, whose holes are filled, join them by quality; the result
@@ -31,6 +32,7 @@ use super::correction::{correct, innovate};
 use super::frame::{
     Frame, Motion, Output, Pipeline, Steps, Summary, Upkeep, check_size, names, show,
 };
+use super::illumination::samples_without_fireflies;
 use crate::error::{Error, Result, Whole, whole};
 use crate::image::{Image, Pixels, Records, Size, View};
 use crate::kernels::camera::motion::Geometry;
@@ -39,6 +41,7 @@ use crate::kernels::fetch::{pull_push, splat};
 use crate::kernels::judge::exposure::exposure;
 use crate::kernels::judge::innovation;
 use crate::kernels::merge::recirculate::{self, Known};
+use crate::kernels::smooth::fireflies;
 use crate::pixels::PixelsMut;
 
 /// Parameters of [`Recirculation`].
@@ -52,6 +55,8 @@ pub struct Params {
     pub recirculate: recirculate::Params,
     /// k: where holes are filled, samples are weighted by the inverse of their depth to this power; 0 to 4; 0.
     pub nearness: u32,
+    /// Whether outliers of the samples are held down first.
+    pub fireflies: Option<fireflies::Params>,
     /// Corrects the result and the history by the innovation of new samples.
     pub innovation: Option<innovation::Params>,
 }
@@ -85,6 +90,7 @@ impl Params {
         pull_push: pull_push::Params::DEFAULT,
         recirculate: recirculate::Params::DEFAULT,
         nearness: 0,
+        fireflies: None,
         innovation: Some(INNOVATION),
     };
 
@@ -113,6 +119,9 @@ impl Params {
         self.splat.check()?;
         self.pull_push.check()?;
         Self::nearness(self.nearness)?;
+        self.fireflies
+            .iter()
+            .try_for_each(fireflies::Params::check)?;
         if let Some(innovation) = &self.innovation {
             innovation.check()?;
         }
@@ -170,6 +179,12 @@ impl Steps for Recirculation {
         if let Some(state) = &self.state {
             check_size(state.color.size, frame.color.size)?;
         }
+        let held = (self.params.fireflies)
+            .map(|limits| samples_without_fireflies(frame.color, None, frame.surface, limits));
+        let frame = &Frame {
+            color: held.as_ref().map_or(frame.color, Image::pixels),
+            ..*frame
+        };
         let before = self.state.take();
         let previous = before.as_ref().map(|before| before.camera);
         let (samples, missing) = find_samples(frame, geometry, &camera, previous.as_ref());

@@ -1,7 +1,7 @@
 //! Temporal antialiasing, as a list of this library's kernels:
 //!
-//!   (resolve the jittered sample) → (motion from cameras) → (change of light) → (expose) → (temporal gradient)
-//!     → (alternation) → dilate → reproject → clip → (anti-lag) → blend → (innovation) → (mix)
+//!   (motion from cameras) → (suppress fireflies) → (resolve the jittered sample) → (change of light) → (expose)
+//!     → (temporal gradient) → (alternation) → dilate → reproject → clip → (anti-lag) → blend → (innovation) → (mix)
 //!
 //! From dilation to blend the kernels run in one fused pass ([`sweep`]). The temporal gradient looks at larger windows and
 //! alternation has a history of its own, so both run before it and reproject for themselves.
@@ -23,6 +23,7 @@ use super::correction::{Weighed, correct, innovate, scale};
 use super::frame::{
     Frame, Mistake, Output, Pipeline, Report, Steps, Summary, SurfaceRecords, Upkeep, check_size,
 };
+use super::illumination::samples_without_fireflies;
 use super::repetition::Noise;
 use crate::error::{Error, Result};
 use crate::image::{Image, Pixels, Records, View};
@@ -163,6 +164,12 @@ impl Stage {
             scale(samples.size.width, history.merged.data_mut(), &factors);
             history.seen.iter_mut().for_each(|seen| seen.scale(change));
         }
+    }
+
+    /// The history, colour first, where its pixels are now; black where it is not known.
+    fn known(&self, motion: Pixels) -> Option<Image> {
+        let history = self.history.as_ref()?.merged.pixels();
+        Some(fetch(history, motion, Tests::none(), Filter::Bilinear).0)
     }
 
     /// The motion of the still scene, if the dilation of a frame asks for it and the cameras tell it.
@@ -417,14 +424,30 @@ impl Taa {
         let mut before = self.state.take();
         let noise = before.as_mut().and_then(|before| before.noise.take());
         let mut used = vec![];
-        // What is denoised is smooth, and no sample of one place.
-        let filter = params.reconstruct.filter(|_| source.is_none());
-        let resolved = resolve_jitter(frame, filter, &mut used);
-        let color = (resolved.as_ref()).map_or(frame.color, |(image, _)| image.pixels());
         let camera = before.as_ref().and_then(|before| before.camera.as_ref());
         let surface = before.as_ref().map(|before| before.surface.surface());
         let surface = surface.unwrap_or_default();
         let motion = frame.motion(camera, surface.depth, &mut used);
+        let held = params.fireflies.map(|limits| {
+            let samples = source.map_or(frame.color, |source| source.samples);
+            let known = self.stage.known(motion.pixels());
+            let known = known.as_ref().map(|known| known.pixels().part(0..3));
+            samples_without_fireflies(samples, known, frame.surface, limits)
+        });
+        let samples = held.as_ref().map(Image::pixels);
+        let source = source.map(|source| Source {
+            samples: samples.unwrap_or(source.samples),
+            ..source
+        });
+        let own = samples.filter(|_| source.is_none());
+        let frame = &Frame {
+            color: own.unwrap_or(frame.color),
+            ..*frame
+        };
+        // What is denoised is smooth, and no sample of one place.
+        let filter = params.reconstruct.filter(|_| source.is_none());
+        let resolved = resolve_jitter(frame, filter, &mut used);
+        let color = (resolved.as_ref()).map_or(frame.color, |(image, _)| image.pixels());
         let rays = camera.filter(|_| motion.tells_depth()).map(Camera::rays);
         let tests = (params.limits).tests(frame.surface, surface, rays);
         let depth = frame.surface.depth.filter(|_| params.dilate.is_some());

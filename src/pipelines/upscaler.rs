@@ -1,7 +1,7 @@
 //! Temporal upscaling, as a list of this library's kernels:
 //!
-//!   (motion from cameras) → dilate → disocclusion → thin features → resample → reproject → temporal gradient → clip → blend
-//!     → sharpen
+//!   (motion from cameras) → dilate → disocclusion → reproject → (suppress fireflies) → thin features → resample
+//!     → temporal gradient → clip → blend → sharpen
 //!
 //! The history is of the output's size, everything that comes with a frame of the input's ([`grids`]). A pixel's history
 //! counts samples: a frame adds as many as it has near the pixel, and old and new are blended by these counts.
@@ -16,6 +16,7 @@ mod merge;
 use self::grids::Grids;
 use self::merge::{CHANNELS, Merge};
 use super::frame::{Frame, Output, Pipeline, Steps, Summary, Upkeep, check_size, names};
+use super::illumination::samples_without_fireflies;
 use crate::error::{Error, Result, in_range};
 use crate::image::{Image, Pixels, Records, SEGMENT, Size, View, segments};
 use crate::kernels::camera::dilate::{self, Choice, dilate};
@@ -30,6 +31,7 @@ use crate::kernels::judge::gradient::{self, find_gradient};
 use crate::kernels::judge::neighborhood::{self, Bounds, Response, Space, clip_history};
 use crate::kernels::judge::thin_features::thin_features;
 use crate::kernels::merge::accumulate::count_missing;
+use crate::kernels::smooth::fireflies;
 use crate::kernels::smooth::sharpen::{self, check_strength, sharpen};
 use crate::pixels::{PixelsMut, Row};
 
@@ -46,6 +48,8 @@ pub struct Params {
     pub lifetime: f32,
     /// Strength of the sharpening; 0, which leaves it out, to 1; 0.
     pub sharpness: f32,
+    /// Whether outliers of the samples are held down first.
+    pub fireflies: Option<fireflies::Params>,
 }
 
 const CLIP: neighborhood::Params = neighborhood::Params {
@@ -80,6 +84,7 @@ impl Default for Params {
             separation: 0.05,
             lifetime: 16.0,
             sharpness: 0.0,
+            fireflies: None,
         }
     }
 }
@@ -92,6 +97,9 @@ impl Params {
         }
         self.blend_factor.check()?;
         disocclusion::check(self.separation)?;
+        self.fireflies
+            .iter()
+            .try_for_each(fireflies::Params::check)?;
         in_range("lifetime", self.lifetime, "frames above 0", |v| v > 0.0)?;
         check_strength("sharpness", self.sharpness)
     }
@@ -164,16 +172,20 @@ impl Steps for Upscaler {
         let depth = frame.surface.depth.map(Pixels::plane);
         let large = params.scaled(fresh.size);
         let grids = Grids::new(fresh.size, large, frame.jitter.unwrap_or_default());
-        let exposure = exposure(fresh);
 
         let choice = Choice::of(depth, None);
         let dilated = dilate(motion.pixels(), choice, dilate::Params::EDGES);
         let disoccluded = find_disoccluded(depth, motion.pixels(), params.separation);
-        let thin = find_thin_features(fresh);
-        let (color, weight) = grids.resample(fresh);
         let motion = grids.enlarge_motion(dilated.pixels());
         let past = Past::reproject(before.as_ref(), motion.pixels());
         let then = grids.at_samples(past.color());
+        let held = params.fireflies.map(|limits| {
+            samples_without_fireflies(fresh, Some(then.pixels()), frame.surface, limits)
+        });
+        let fresh = held.as_ref().map_or(fresh, Image::pixels);
+        let exposure = exposure(fresh);
+        let thin = find_thin_features(fresh);
+        let (color, weight) = grids.resample(fresh);
         let change = find_gradient([fresh, then.pixels()], None, GRADIENT);
         let clipped = clip(past.color(), color.pixels(), exposure);
         let merge = Merge {

@@ -1,5 +1,6 @@
 import torch
 from torch import Tensor
+from torch.nn.functional import avg_pool2d
 
 from .accumulate import luminance
 from .similarity import shift
@@ -18,13 +19,14 @@ def blend(
     """Blend a sample into its history, h + a (c - h), with a blend factor or weights that depend on the luminances.
 
     Sources: Karis 2014 (tone; flicker: a smaller factor where history lies on the border of the 3x3 luminances);
-    Playdead 2016 (luminance: up to four times the factor, the more the two differ).
+    Playdead 2016 (luminance: up to four times the factor, the more the two differ); our own (local-tone: by tone, but
+    relative to four times the mean luminance of the 3x3 samples where that is more than the exposure).
 
     Parameters
     ----------
     color, history : (H, W, 3)
     alpha : a number or (H, W)
-    weighting : "none", "tone" or "luminance"
+    weighting : "none", "tone", "local-tone" or "luminance"
     flicker : fraction of the factor that remains on the border, 0 to 1
     exposure : radiance that counts as 1
     margin : also return the factor (H, W) by which a narrow range of luminance multiplies roundings
@@ -51,7 +53,11 @@ def blend(
         sizes = torch.maximum(high.abs(), low.abs()) / extent  # (H, W)
         narrow = torch.where(extent > 0, sizes, 1).nan_to_num(1).clamp(min=1)  # (H, W)
 
-    if weighting == "tone":
+    if weighting == "local-tone":
+        light = torch.stack([lc.clamp(0, 1e30).where(seen, 0), seen.to(lc)])  # (2, H, W)
+        total, count = avg_pool2d(light, 3, 1, 1)  # (H, W), (H, W)
+        exposure = (4 * total / count.clamp(min=1 / 9)).clamp(min=exposure)  # (H, W)
+    if weighting in ("tone", "local-tone"):
         new, old = share / (exposure + lc.clamp(min=0)), (1 - share) / (exposure + lh.clamp(min=0))  # (H, W), (H, W)
         share = new / (new + old)  # (H, W)
     elif weighting == "luminance":

@@ -19,14 +19,15 @@ from .taa import PRESETS, find_motion, find_still
 OFFSETS = [(0, 0), (4, 4), (2, 6), (6, 2), (1, 3), (5, 7), (3, 1), (7, 5)]
 
 
-def by_light(color: Tensor) -> Tensor:
+def by_light(color: Tensor, *, textured: bool) -> Tensor:
     """The weights of bright light in a fit, (H, W, 3) to (H, W)."""
     light = luminance(color)  # (H, W)
     seen = (light >= 0) & light.isfinite()  # (H, W)
     both = torch.stack([light.where(seen, 0), seen.to(light)])  # (2, H, W)
     total, count = avg_pool2d(both, 3, 1, 1)  # (H, W), (H, W)
     mean = total / count.clamp(min=1 / 9)  # (H, W)
-    return (1 + mean / (2 * exposure(color))) ** -2
+    times = mean / exposure(color)  # (H, W)
+    return (1 + ((times / 16) ** 2 if textured else times / 2)) ** -2
 
 
 class BMFR(SVGF):
@@ -82,8 +83,10 @@ class BMFR(SVGF):
             geometry = frame.depth  # (H, W)
         x, y = OFFSETS[self.age % len(OFFSETS)]
         bright = None
-        if self.by_light or (self.by_light is None and frame.albedo is None):
-            bright = weight = by_light(color) * (1 if weight is None else weight)  # (H, W)
+        tells_lamps = frame.albedo is not None and frame.emission is not None
+        if self.by_light or (self.by_light is None and not tells_lamps):
+            bright = by_light(color, textured=frame.albedo is not None)  # (H, W)
+            weight = bright if weight is None else bright * weight  # (H, W)
         side = self.block or (8 if frame.albedo is None else 16)
         blocks = {"block": side, "offset": (x * side // 8, y * side // 8), "features": self.features}
         surface = {"normal": frame.normal, "geometry": geometry, "camera": frame.camera, "weight": weight}

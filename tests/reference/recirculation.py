@@ -10,9 +10,10 @@ from .projection import pixel_centres, project
 from .pull_push import pull_push
 from .recirculate import recirculate
 from .splat import splat
+from .taa import hold_down
 
 BEST = {"factor": 2, "levels": None, "nearness": 0, "history": "splat", "innovation": True}
-BEST |= {"blur": 0.25, "share": (0.0, 1.0), "fade": 64.0, "limit": 8.0, "tolerance": 0.1}
+BEST |= {"fireflies": False, "blur": 0.25, "share": (0.0, 1.0), "fade": 64.0, "limit": 8.0, "tolerance": 0.1}
 TEXTBOOK = {"factor": 4, "levels": 2, "nearness": 1, "history": "fetch", "share": (0.1, 0.5), "innovation": False}
 
 
@@ -36,12 +37,14 @@ class Recirculation:
         self.blend = {name: params[name] for name in ("share", "fade", "limit")}
         self.blur, self.tolerance, self.nearness = params["blur"], params["tolerance"], params["nearness"]
         self.fetches, self.corrects = params["history"] == "fetch", params["innovation"]
+        self.fireflies = params["fireflies"]
         self.reset()
 
     def reset(self) -> None:
         self.points = self.camera = self.evidence = None
 
     def step(self, frame) -> Output:
+        frame = hold_down(frame, None) if self.fireflies else frame
         height, width = frame.color.shape[:2]
         centres = pixel_centres(height, width, frame.color)  # (H, W, 2)
         own = torch.as_tensor(frame.jitter or (0, 0)).to(centres).expand_as(centres)  # (H, W, 2)

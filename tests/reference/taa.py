@@ -1,3 +1,4 @@
+from types import SimpleNamespace
 from typing import NamedTuple
 
 import torch
@@ -15,6 +16,7 @@ from .consistency import consistency
 from .depth_change import depth_change
 from .dilate import dilate_motion
 from .exposure import exposure
+from .fireflies import suppress_fireflies
 from .gradient import temporal_gradient
 from .innovation import correct, innovation
 from .motion import motion_vectors
@@ -103,7 +105,7 @@ def for_frame(settings: dict, frame) -> dict:
     least, brighter = settings["unguided_alpha"], 1.0
     guided = settings["guided_exposure"]
     if not is_unguided(frame):
-        return {**settings, "weighting": "tone", "brighter": guided} if guided > 0 else settings
+        return {**settings, "weighting": "local-tone", "brighter": guided} if guided > 0 else settings
     if least == 0:
         return settings
     if frame.depth is not None:
@@ -417,6 +419,13 @@ def tells_depth(frame, motion: Tensor) -> bool:
     return motion.shape[-1] == 3 and (frame.motion is None or frame.motion.shape[-1] == 3)
 
 
+def hold_down(frame, known: Tensor | None):
+    """A frame whose colour has no fireflies, relative to the history's colour (H, W, 3)."""
+    guide = {name: getattr(frame, name, None) for name in ("depth", "normal", "ids")}
+    held, _ = suppress_fireflies(frame.color, expected=known, **guide)  # (H, W, 3), (H, W)
+    return SimpleNamespace(**{**vars(frame), "color": held})
+
+
 class TAA:
     """Temporal antialiasing, composed of the references. Frames are as those of `SVGF`.
 
@@ -426,21 +435,25 @@ class TAA:
     ----------
     preset : "best", "denoised", "textbook", "karis" or "filament"
     innovation : whether the output, not the history, is corrected by the innovation of the frame's samples
+    fireflies : whether outliers of the samples are held down first
     **overrides : settings that replace the preset's
     """
 
-    def __init__(self, preset="best", *, innovation=False, **overrides):
-        self.settings, self.innovation = PRESETS[preset] | overrides, innovation
+    def __init__(self, preset="best", *, innovation=False, fireflies=False, **overrides):
+        self.settings, self.innovation, self.fireflies = PRESETS[preset] | overrides, innovation, fireflies
         self.reset()
 
     def reset(self) -> None:
         self.history = self.before = self.evidence = None
 
     def step(self, frame) -> Output:
+        motion = find_motion(frame, self.before)  # (H, W, 2|3)
+        if self.fireflies:
+            known = None if self.history is None else reproject(self.history[0], motion, fallback=False)[0]  # (H, W, 3)
+            frame = hold_down(frame, known)
         color = frame.color  # (H, W, 3)
         if self.settings["reconstruct"] and frame.jitter is not None:
             color = resolve([color], torch.as_tensor(frame.jitter)[None], filter="blackman-harris")  # (H, W, 3)
-        motion = find_motion(frame, self.before)  # (H, W, 2|3)
         tests = {} if self.before is None else same_surface(self.settings, frame, self.before, motion)
         still = find_still(frame, self.before)  # (H, W, 3)
         merged = antialias(for_frame(self.settings, frame), self.history, color, motion, frame.depth, still, tests)

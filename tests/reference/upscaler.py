@@ -12,7 +12,7 @@ from .neighborhood import clip_history
 from .reproject import reproject
 from .resample import resample
 from .sharpen import sharpen
-from .taa import Output, find_motion
+from .taa import Output, find_motion, hold_down
 from .thin_features import thin_features
 
 HIDDEN = 2  # yester.Rejection.DEPTH
@@ -30,13 +30,24 @@ class Upscaler:
     separation : as for `disocclusion`
     lifetime : of a lock, in frames
     sharpness : as for `sharpen`
+    fireflies : whether outliers of the samples are held down first
     """
 
     def __init__(
-        self, scale=2.0, *, alpha=0.06, fast_alpha=0.5, speed=(0.0, 1.0), separation=0.05, lifetime=16.0, sharpness=0.0
+        self,
+        scale=2.0,
+        *,
+        alpha=0.06,
+        fast_alpha=0.5,
+        speed=(0.0, 1.0),
+        separation=0.05,
+        lifetime=16.0,
+        sharpness=0.0,
+        fireflies=False,
     ):
         self.scale, self.pace, self.speed = scale, {"alpha": alpha, "fast_alpha": fast_alpha, "speed": speed}, speed
         self.separation, self.lifetime, self.sharpness = separation, lifetime, sharpness
+        self.fireflies = fireflies
         self.reset()
 
     def reset(self) -> None:
@@ -55,20 +66,22 @@ class Upscaler:
         choose = "longest" if frame.depth is None else "nearest"
         moved = enlarge(dilate_motion(motion, frame.depth, choose=choose, margin=0.1))[..., :2]  # (h, w, 2)
         moved = moved * torch.tensor([zoom_x, zoom_y], dtype=moved.dtype)  # (h, w, 2)
-        color, weight = resample(frame.color, large, offset=(x, y))  # (h, w, 3), (h, w)
-        hidden = torch.zeros_like(weight)  # (h, w)
+        hidden = moved.new_zeros(large)  # (h, w)
         if frame.depth is not None:
             hidden = enlarge(disocclusion(frame.depth, motion, separation=self.separation))  # (h, w)
-        thin = enlarge(thin_features(frame.color))  # (h, w)
         reactive = getattr(frame, "reactive", None)  # (H, W)
         reacts = hidden * 0 if reactive is None else enlarge(reactive).nan_to_num(0).clamp(0, 1)  # (h, w)
 
-        history, samples = torch.zeros_like(color), torch.zeros_like(weight)  # (h, w, 3), (h, w)
+        history, samples = moved.new_zeros((*large, 3)), moved.new_zeros(large)  # (h, w, 3), (h, w)
         lock, coverage, rejection = samples, samples, torch.zeros_like(samples, dtype=torch.uint8)  # (h, w) each
         if self.history is not None:
             (history, samples, lock), coverage = reproject(self.history, moved, filter="catmull-rom-5", fallback=False)
             rejection, _ = consistency(moved)  # (h, w)
         there, _ = resample(history, (height, width), offset=(-x * zoom_x, -y * zoom_y), filter="nearest")  # (H, W, 3)
+        if self.fireflies:
+            frame = hold_down(frame, there)
+        color, weight = resample(frame.color, large, offset=(x, y))  # (h, w, 3), (h, w)
+        thin = enlarge(thin_features(frame.color))  # (h, w)
         change = enlarge(temporal_gradient(frame.color, there, noise=2.2, passes=1, widest=1))  # (h, w)
         bright = exposure(frame.color)
         clipped = clip_history(history, color, exposure=bright, space="tonemapped-ycocg", response="clamp")  # (h, w, 3)

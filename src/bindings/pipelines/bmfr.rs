@@ -28,10 +28,10 @@ use crate::pipelines::{bmfr, history};
 ///     Side of the blocks in pixels, 4 to 256. By default 16, and 8 in frames without albedo, whose texture no feature
 ///     tells. The paper has 32, for images of 1280×720.
 /// by_light : bool, optional
-///     Give pixels less weight in a fit where light is bright: ``1 / (1 + l / 2e)**2``, with l the mean luminance of
-///     the accumulated light over 3×3 pixels and e its `exposure`. By default in frames without albedo, where lamps are
-///     fitted together with the dark around them. The differences by which new samples correct the output have the
-///     same weights.
+///     Give pixels less weight in a fit where light is bright: ``1 / (1 + x)**2`` with ``x = l / 2e`` without albedo
+///     and ``x = (l / 16e)**2`` with it, l being the mean luminance of the accumulated light over 3×3 pixels and e its
+///     `exposure`. By default in frames without albedo or emission, where lamps are fitted together with the dark
+///     around them. The differences by which new samples correct the output have the same weights.
 /// features : {"fewest", "all"}, default "fewest"
 ///     As in `regress`.
 /// restore : bool, default True
@@ -76,7 +76,7 @@ use crate::pipelines::{bmfr, history};
 /// at least 1/N. Detail is restored with a strictness of 0.7. It comes from the accumulated light of histories of at
 /// least 3.5 samples, clipped by ``clip_history(box="minmax", space="rgb", response="clamp")`` to the new samples, and
 /// its variance is ``(m2 - m1²) / N``. With `by_light`, what exceeds both fit and own new sample is divided by ``(1 +
-/// l / 16e)**2``: history beside a lamp contains some of it.
+/// x / 8)**2``: history beside a lamp contains some of it.
 ///
 /// References
 /// ----------

@@ -5,6 +5,7 @@ use pyo3::prelude::*;
 use super::{FrameArgs, Output, Pipeline, alone, renamed};
 use crate::bindings::arrays::choice;
 use crate::kernels::fetch::pull_push;
+use crate::kernels::smooth::fireflies;
 use crate::pipelines::Pipeline as _;
 use crate::pipelines::recirculation;
 
@@ -36,6 +37,9 @@ use crate::pipelines::recirculation;
 /// tolerance : float, optional
 ///     As in `splat`; also the largest difference of a sample's depth, relative to it, from that of history at its
 ///     pixel. Both presets have 0.1. No effect with "fetch".
+/// fireflies : bool, default False
+///     First clamp samples far brighter than the other samples around, and redistribute the excess over those of their
+///     surface (`suppress_fireflies`, by depth, normals and ids, without history).
 /// innovation : bool, optional
 ///     Add the error of the result, as estimated from new samples over blocks of pixels and a few frames, to the result
 ///     and to history (`innovation`), for changing light. The correction is relative to each pixel's own light, so that
@@ -52,17 +56,15 @@ use crate::pipelines::recirculation;
 /// splat : Scatters history.
 /// recirculate : Blends history and new samples.
 ///
-/// Notes
-/// -----
-/// After a developer's diary [1]_. Each step consists of this package's functions and gives their bits: `pull_push` (of
-/// colour and the inverse of depth), `splat` (with a reach of 0.5), `motion_vectors`, `recirculate`, without blur for
-/// the next frame and with it for the result, and from the second frame on `innovation` (``sparse=True``, with the
-/// `exposure` of the result, and the motion of `recirculate`). The point of a traced pixel lies where it was sampled
-/// (`Frame.position` or `Frame.jitter`, else the centre), that of a pixel with history where history's point lies, and
-/// that of a filled pixel at the centre, at the filled depth. Filled colour is ignored where history has eight times
-/// its quality; otherwise static pixels would never become as sharp as their samples. With `Frame.motion` at traced
-/// pixels, moving objects are extrapolated (`splat`'s drift); without it, they leave a ghost until samples overwrite
-/// it.
+/// Notes ----- After a developer's diary [1]_. Each step consists of this package's functions and gives their bits:
+/// `suppress_fireflies`, `pull_push` (of colour and the inverse of depth), `splat` (with a reach of 0.5),
+/// `motion_vectors`, `recirculate`, without blur for the next frame and with it for the result, and from the second
+/// frame on `innovation` (``sparse=True``, with the `exposure` of the result, and the motion of `recirculate`). The
+/// point of a traced pixel lies where it was sampled (`Frame.position` or `Frame.jitter`, else the centre), that of a
+/// pixel with history where history's point lies, and that of a filled pixel at the centre, at the filled depth. Filled
+/// colour is ignored where history has eight times its quality; otherwise static pixels would never become as sharp as
+/// their samples. With `Frame.motion` at traced pixels, moving objects are extrapolated (`splat`'s drift); without it,
+/// they leave a ghost until samples overwrite it.
 ///
 /// In hole filling, a sample at depth ``z`` has weight ``max(z**-nearness, 1e-24)``. The quality of a filled pixel is
 /// divided by the weight at its depth, so that it counts samples.
@@ -95,7 +97,7 @@ pub struct Recirculation {
 impl Recirculation {
     #[new]
     #[pyo3(signature = (preset="best", *, factor=None, levels=None, nearness=None, history=None, blur=None, share=None,
-        fade=None, limit=None, tolerance=None, innovation=None))]
+        fade=None, limit=None, tolerance=None, fireflies=false, innovation=None))]
     fn new(
         py: Python<'_>,
         preset: &str,
@@ -108,6 +110,7 @@ impl Recirculation {
         fade: Option<f32>,
         limit: Option<f32>,
         tolerance: Option<f32>,
+        fireflies: bool,
         innovation: Option<bool>,
     ) -> PyResult<PyClassInitializer<Self>> {
         let mut params = choice(
@@ -129,6 +132,7 @@ impl Recirculation {
         blend.fade = fade.unwrap_or(blend.fade);
         blend.limit = limit.unwrap_or(blend.limit);
         params.splat.tolerance = tolerance.unwrap_or(params.splat.tolerance);
+        params.fireflies = fireflies.then(fireflies::Params::default);
         if let Some(innovation) = innovation {
             params.innovation = innovation.then_some(recirculation::INNOVATION);
         }

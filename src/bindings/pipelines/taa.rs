@@ -8,6 +8,7 @@ use crate::kernels::fetch::footprint::Filter;
 use crate::kernels::fetch::validate::Threshold;
 use crate::kernels::judge::{innovation, neighborhood};
 use crate::kernels::merge::blend;
+use crate::kernels::smooth::fireflies;
 use crate::pipelines::Pipeline as _;
 use crate::pipelines::taa;
 
@@ -39,9 +40,9 @@ use crate::pipelines::taa;
 ///     neighbours along x and y differ in depth by more than a tenth of the smaller one: what is thinner than a pixel
 ///     needs its history. By default 0 in all presets.
 /// guided_exposure : float, optional
-///     Frames with albedo, normals or ids are blended with `weighting` "tone" at so many times the exposure, from 0;
-///     with 0, as `weighting` says. What a denoiser lets leak from a lamp into the dark then fades faster, and what is
-///     not much brighter than the exposure is blended as before. By default 16 in preset "denoised", else 0.
+///     Frames with albedo, normals or ids are blended with `weighting` "local-tone" at so many times the exposure, from
+///     0; with 0, as `weighting` says. What a denoiser lets leak from a lamp into the dark then fades faster, and what
+///     is not much brighter than the exposure is blended as before. By default 16 in preset "denoised", else 0.
 /// dilate : {"3x3", "cross", "none"}, optional
 ///     Window of `dilate_motion`: the nearest pixel's motion if there is depth, else the longest.
 /// dilate_margin : float, optional
@@ -66,6 +67,10 @@ use crate::pipelines::taa;
 ///     Largest relative difference of the albedo's luminance: rejects history where textures change or move.
 /// ids : bool, default False
 ///     Reject history with another id.
+/// fireflies : bool, default False
+///     First clamp samples far brighter than their surroundings and their history, fetched bilinearly without tests,
+///     and redistribute the excess over their surface (`suppress_fireflies`): of the frame's colour, or if that is
+///     denoised, of the `samples` of `step`.
 /// gradient : bool, default False
 ///     Shorten history where the light changes by more than aliasing and noise explain (`temporal_gradient`). It helps
 ///     with frames without noise; fireflies and other rare bright samples are mistaken for changes.
@@ -106,15 +111,13 @@ use crate::pipelines::taa;
 /// Upscaler : Antialiases and upscales.
 /// morphological_aa : Antialiases a single image.
 ///
-/// Notes
-/// -----
-/// Each step consists of this package's functions and gives their bits: `resolve` (with "blackman-harris", of frames
-/// that tell their jitter, but for "textbook"), `motion_vectors`, `depth_change` (for tests of depth),
-/// `dilate_motion`, `reproject` without fallback, `blend_factor`, `exposure`, `clip_history`, `alternation`,
-/// `anti_lag`, `temporal_gradient` (``noise=2.2, passes=3, widest=5``), `blend`. The weight of a pixel's N-th sample
-/// is at least 1/N. With a gradient λ, N is first shortened to N (1 - λ)¹⁰, and the weight a becomes ``lerp(a, 1,
-/// λ)``, as in `accumulate`. Preset "karis" follows Karis [1]_, "filament" Google's Filament [2]_; Yang et al. [3]_
-/// survey the field.
+/// Notes ----- Each step consists of this package's functions and gives their bits: `motion_vectors`, `depth_change`
+/// (for tests of depth), `suppress_fireflies`, `resolve` (with "blackman-harris", of frames that tell their jitter, but
+/// for "textbook"), `dilate_motion`, `reproject` without fallback, `blend_factor`, `exposure`, `clip_history`,
+/// `alternation`, `anti_lag`, `temporal_gradient` (``noise=2.2, passes=3, widest=5``), `blend`. The weight of a pixel's
+/// N-th sample is at least 1/N. With a gradient λ, N is first shortened to N (1 - λ)¹⁰, and the weight a becomes
+/// ``lerp(a, 1, λ)``, as in `accumulate`. Preset "karis" follows Karis [1]_, "filament" Google's Filament [2]_; Yang et
+/// al. [3]_ survey the field.
 ///
 /// References
 /// ----------
@@ -143,7 +146,7 @@ impl TAA {
     #[new]
     #[pyo3(signature = (preset="best", *, alpha=None, fast_alpha=None, speed=None, unguided_alpha=None, guided_exposure=None, dilate=None, dilate_margin=None,
         dilate_movers=None, filter=None, r#box=None, gamma=None, window=None, space=None, response=None, weighting=None, flicker=None,
-        relative_depth=None, plane_distance=None, normal_angle=None, relative_albedo=None, ids=false, gradient=false, anti_lag=0.0, alternation=false,
+        relative_depth=None, plane_distance=None, normal_angle=None, relative_albedo=None, ids=false, fireflies=false, gradient=false, anti_lag=0.0, alternation=false,
         innovation=false, choice=None))]
     fn new(
         py: Python<'_>,
@@ -169,6 +172,7 @@ impl TAA {
         normal_angle: Option<Threshold>,
         relative_albedo: Option<Threshold>,
         ids: bool,
+        fireflies: bool,
         gradient: bool,
         anti_lag: f32,
         alternation: bool,
@@ -221,6 +225,7 @@ impl TAA {
             relative_albedo,
             ids,
         };
+        params.fireflies = fireflies.then(fireflies::Params::default);
         params.gradient = gradient;
         params.anti_lag = anti_lag;
         params.alternation = alternation;

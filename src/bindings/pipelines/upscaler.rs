@@ -5,6 +5,7 @@ use pyo3::prelude::*;
 use super::{FrameArgs, Output, Pipeline, alone};
 use crate::kernels::fetch::validate::Threshold;
 use crate::kernels::judge::blend_factor;
+use crate::kernels::smooth::fireflies;
 use crate::pipelines::Pipeline as _;
 use crate::pipelines::upscaler;
 
@@ -33,6 +34,9 @@ use crate::pipelines::upscaler;
 ///     Frames until the lock of a thin feature expires after its last detection; above 0.
 /// sharpness : float, default 0.0
 ///     Strength of `sharpen`, 0 (off) to 1. History is not sharpened.
+/// fireflies : bool, default False
+///     First clamp samples far brighter than their surroundings and their history, and redistribute the excess over
+///     their surface (`suppress_fireflies`).
 ///
 /// Raises
 /// ------
@@ -45,14 +49,13 @@ use crate::pipelines::upscaler;
 /// TAA : Antialiases without upscaling.
 /// jitter : Sub-pixel offsets.
 ///
-/// Notes
-/// -----
-/// Its parts follow AMD's FSR 2 [1]_. Each step consists of this package's functions and gives their bits:
-/// `dilate_motion`, `disocclusion`, `thin_features`, `resample` (colour by "lanczos-2", all else by "nearest"),
-/// `reproject` with "catmull-rom-5" and without tests, `temporal_gradient` between the new samples and the history at
-/// their places, `clip_history`, `blend_factor`, `blend` and `sharpen`. A new frame of weight w is blended into a
-/// history of N samples per pixel with w/(N + w). Clipping is undone in static pixels, unless the gradient detects a
-/// change of light, and where a thin feature is locked. `Output.history_length` counts samples per output pixel.
+/// Notes ----- Its parts follow AMD's FSR 2 [1]_. Each step consists of this package's functions and gives their bits:
+/// `dilate_motion`, `disocclusion`, `reproject` with "catmull-rom-5" and without tests, `suppress_fireflies`,
+/// `thin_features`, `resample` (colour by "lanczos-2", all else by "nearest"), `temporal_gradient` between the new
+/// samples and the history at their places, `clip_history`, `blend_factor`, `blend` and `sharpen`. A new frame of
+/// weight w is blended into a history of N samples per pixel with w/(N + w). Clipping is undone in static pixels,
+/// unless the gradient detects a change of light, and where a thin feature is locked. `Output.history_length` counts
+/// samples per output pixel.
 ///
 /// References
 /// ----------
@@ -74,10 +77,10 @@ pub struct Upscaler {
 impl Upscaler {
     #[new]
     #[pyo3(signature = (scale=2.0, *, alpha=0.06, fast_alpha=0.5, speed=Threshold { full: 0.0, none: 1.0 }, separation=0.05,
-        lifetime=16.0, sharpness=0.0))]
+        lifetime=16.0, sharpness=0.0, fireflies=false))]
     #[pyo3(
         text_signature = "(scale=2.0, *, alpha=0.06, fast_alpha=0.5, speed=(0.0, 1.0), separation=0.05, \
-        lifetime=16.0, sharpness=0.0)"
+        lifetime=16.0, sharpness=0.0, fireflies=False)"
     )]
     fn new(
         scale: f64,
@@ -87,6 +90,7 @@ impl Upscaler {
         separation: f32,
         lifetime: f32,
         sharpness: f32,
+        fireflies: bool,
     ) -> PyResult<PyClassInitializer<Self>> {
         let params = upscaler::Params {
             scale,
@@ -98,6 +102,7 @@ impl Upscaler {
             separation,
             lifetime,
             sharpness,
+            fireflies: fireflies.then(fireflies::Params::default),
         };
         let inner = upscaler::Upscaler::new(params)?;
         Ok(Pipeline::made(Self { inner }))

@@ -3,6 +3,8 @@
 //! - **none**: h + α (c − h).
 //! - **tone**: each side also weighted by 1/(e + luminance), with e the exposure, so that no bright sample outweighs the
 //!   rest (Karis 2014, *High Quality Temporal Supersampling*).
+//! - **local tone**: the same with max(e, 4 l̄) for e, where l̄ is the mean luminance of the samples of 3×3 pixels. Along the
+//!   edge of a lamp, most of the samples that hit it would count for too little: the edge became darker than it is.
 //! - **luminance**: α grows up to fourfold where luminances differ, lerp(min(4α, 1), α, (1 − δ)²) with
 //!   δ = |l − l′| / max(l, l′, 0.2 e) (Playdead 2016, *Temporal Reprojection Anti-Aliasing in INSIDE*).
 //!
@@ -30,9 +32,16 @@ pub enum Weighting {
     None,
     /// 1/(e + luminance).
     Tone,
+    /// 1/(max(e, 4 l̄) + luminance), with l̄ the mean luminance around.
+    LocalTone,
     /// The likeness of their luminances.
     Luminance,
 }
+
+/// A luminance that is not much more than those around counts as it is.
+const AROUND: f32 = 4.0;
+/// No sum of an exposure and a luminance overflows by luminances around of no more than this.
+const BRIGHTEST: f32 = 1e30;
 
 /// How colours are weighed beside α.
 #[derive(Clone, Copy, Debug)]
@@ -54,9 +63,10 @@ impl Params {
     };
 
     /// Names of weightings.
-    pub const WEIGHTINGS: [(&str, Weighting); 3] = [
+    pub const WEIGHTINGS: [(&str, Weighting); 4] = [
         ("none", Weighting::None),
         ("tone", Weighting::Tone),
+        ("local-tone", Weighting::LocalTone),
         ("luminance", Weighting::Luminance),
     ];
 
@@ -134,7 +144,8 @@ impl<'a> Kernel for Blend<'a> {
             exposure,
         } = self.params;
         let size = self.color.size;
-        let mut colors = Rolling::new(size.width, if flicker < 1.0 { 1 } else { 0 });
+        let looks_around = flicker < 1.0 || weighting == Weighting::LocalTone;
+        let mut colors = Rolling::new(size.width, if looks_around { 1 } else { 0 });
         let mut history = [[0.0; SEGMENT]; 3];
         let mut blended = [[0.0; SEGMENT]; 3];
         let mut alphas = [0.0; SEGMENT];
@@ -146,6 +157,9 @@ impl<'a> Kernel for Blend<'a> {
                 self.alpha.read(run, &mut alphas);
                 if flicker < 1.0 {
                     reduce_flicker(&colors, run, &history, flicker, &mut alphas);
+                }
+                if weighting == Weighting::LocalTone {
+                    weigh_by_local_tone(&colors, run, &history, exposure, &mut alphas);
                 }
                 let own = colors.own(run);
                 mix(own, &history, &alphas, weighting, exposure, &mut blended);
@@ -243,7 +257,50 @@ pub(crate) fn reduce_flicker(
     }
 }
 
-/// Blends a span.
+/// Weighs both sides by tone, relative to what is around, within α.
+#[inline(always)]
+pub(crate) fn weigh_by_local_tone(
+    colors: &Rolling<3>,
+    run: Run,
+    history: &[Row; 3],
+    exposure: f32,
+    alphas: &mut Row,
+) {
+    let n = lanes(run);
+    let (mut sums, mut counts): (Columns, Columns) = ([0.0; _], [0.0; _]);
+    for dy in -1..=1 {
+        let [r, g, b] = colors.columns(run, dy);
+        for i in 0..n + LANES {
+            let counted = is_present([r[i], g[i], b[i]]);
+            let light = smaller(larger(luminance(r[i], g[i], b[i]), 0.0), BRIGHTEST);
+            sums[i] += if counted { light } else { 0.0 };
+            counts[i] += if counted { 1.0 } else { 0.0 };
+        }
+    }
+    let first = colors.radius - 1;
+    let [sums, counts] = [&sums, &counts].map(|columns| &columns[first..][..n + 2]);
+    let ([cr, cg, cb], [hr, hg, hb]) = (colors.own(run), history);
+    for i in 0..run.len {
+        let sum = sums[i] + sums[i + 1] + sums[i + 2];
+        let count = counts[i] + counts[i + 1] + counts[i + 2];
+        let exposure = larger(exposure, AROUND * (sum / larger(count, 1.0)));
+        let [new, old] = [
+            luminance(cr[i], cg[i], cb[i]),
+            luminance(hr[i], hg[i], hb[i]),
+        ];
+        alphas[i] = by_tone(alphas[i], new, old, exposure);
+    }
+}
+
+/// Both weights folded into one effective α, the fraction expanded by both denominators.
+#[inline(always)]
+fn by_tone(alpha: f32, new: f32, old: f32, exposure: f32) -> f32 {
+    let new_share = alpha * (exposure + old.max(0.0));
+    let old_share = (1.0 - alpha) * (exposure + new.max(0.0));
+    new_share / (new_share + old_share)
+}
+
+/// Blends a span. By local tone, α has its weights already.
 #[inline(always)]
 pub(crate) fn mix(
     color: [&[f32]; 3],
@@ -254,12 +311,11 @@ pub(crate) fn mix(
     blended: &mut [Row; 3],
 ) {
     match weighting {
-        Weighting::None => mix_by(color, history, alphas, blended, |a, _, _| a),
-        // Both weights folded into one effective α, the fraction expanded by both denominators.
+        Weighting::None | Weighting::LocalTone => {
+            mix_by(color, history, alphas, blended, |a, _, _| a);
+        }
         Weighting::Tone => mix_by(color, history, alphas, blended, |a, c, h| {
-            let new = a * (exposure + h.max(0.0));
-            let old = (1.0 - a) * (exposure + c.max(0.0));
-            new / (new + old)
+            by_tone(a, c, h, exposure)
         }),
         Weighting::Luminance => mix_by(color, history, alphas, blended, |a, c, h| {
             let alike = (1.0 - (c - h).abs() / c.max(h).max(0.2 * exposure)).max(0.0);

@@ -4,8 +4,9 @@
 //! the blend factor max(1/N, fitted_alpha). Emitters are left out of the fits: they shine by themselves, and a block
 //! would spread their light as if it fell on its surfaces. Without albedo, light has texture that no feature
 //! describes, and smaller blocks blur less of it. Emitters cannot be told then, and are fitted together with the dark
-//! around them. Bright light therefore weighs less:
-//!   w = 1 / (1 + l / 2e)²,
+//! around them; with albedo and without emission, so are lamps that reflect as well, and the pixels beside black ones.
+//! Bright light therefore weighs less:
+//!   w = 1 / (1 + x)²,  x = l / 2e without albedo, (l / 16e)² with it,
 //! with l the mean luminance of the accumulated light over 3×3 pixels and e its exposure. The mean keeps bright noise from
 //! being held down by itself. What new samples differ from the output by counts by the same weight when they correct it:
 //! a lamp is far above a fit in which it weighs little, and its glow would come back through the blocks of the innovation.
@@ -14,9 +15,9 @@
 //! ([`restore_detail`]). The variance of the accumulated light is (m₂ − m₁²)/N, known from [`LEAST`] samples on. History is
 //! first clipped to the range of the 3×3 new samples: without guide buffers it may belong to another surface. Where light
 //! has a part in the weights, what the clipped light k exceeds both the own new sample y and the fit f by counts less, too:
-//!   k ← b + (k − b) / (1 + l / 16e)² if k > b,  b = max(y, f).
+//!   k ← b + (k − b) / (1 + x / 8)² if k > b,  b = max(y, f).
 //! Resampled history beside a lamp contains some of it, and the range of the samples the lamp; a lamp's own samples are as
-//! bright as it is. With 2e as above, all bright surfaces lose detail: up to 9 % FLIP in `glass_shelf`.
+//! bright as it is. With the whole of x, all bright surfaces lose detail: up to 9 % FLIP in `glass_shelf`.
 
 use std::ops::Range;
 
@@ -60,19 +61,25 @@ const RANGE: neighborhood::Params = neighborhood::Params {
     exposure: 1.0,
 };
 
-/// What each pixel of the accumulated light, whose exposure is `bright`, weighs in a fit; all alike if there is no image.
-pub fn weigh(light: Pixels, bright: f32, albedo: Option<Pixels>, by_light: bool) -> Option<Image> {
-    let luminance = by_light.then(|| luminances(light));
-    (by_light || albedo.is_some()).then(|| {
-        let weigh = Weigh {
-            albedo,
-            luminance: luminance.as_ref().map(Image::view),
-            bright: 2.0 * bright,
-        };
-        let mut weight = Image::blank(light.size, 1);
-        rows::run(&weigh, light.size.height, weight.bands());
-        weight
-    })
+/// What each pixel of the accumulated light, whose exposure is `bright`, counts by its brightness.
+pub fn by_light(light: Pixels, bright: f32, textured: bool) -> Image {
+    let luminance = luminances(light);
+    let kernel = ByLight {
+        luminance: luminance.view(),
+        bright,
+        textured,
+    };
+    let mut weight = Image::blank(light.size, 1);
+    rows::run(&kernel, light.size.height, weight.bands());
+    weight
+}
+
+/// Weights of a fit that leaves emitters out: NaN for these, elsewhere `weight`, or 1.
+pub fn without_emitters(albedo: Pixels, weight: Option<View>) -> Image {
+    let mut weights = Image::blank(albedo.size, 1);
+    let kernel = WithoutEmitters { albedo, weight };
+    rows::run(&kernel, albedo.size.height, weights.bands());
+    weights
 }
 
 /// Fits the accumulated light in blocks of a side in pixels; `age` counts the frames of the sequence.
@@ -115,7 +122,7 @@ pub fn accumulate_fits(fit: &Records, known: &Image, least: f32, history: &mut I
     );
 }
 
-/// The accumulated fits, with the detail of the accumulated light restored. `weight` is that of the fit, if it is by light.
+/// The accumulated fits, with the detail of the accumulated light restored. `weight` is that of [`by_light`], if it is used.
 pub fn restored(
     history: &Image,
     fresh: Pixels,
@@ -172,7 +179,7 @@ impl<'a> Kernel for Hold<'a> {
                     let bound = if fresh[i] > fit[i] { fresh[i] } else { fit[i] };
                     let toned = 1.0 + (1.0 / weight[i].sqrt() - 1.0) / 8.0;
                     let held = bound + (*light - bound) / (toned * toned);
-                    // Emitters, which the fits leave out, have no weight.
+                    // What has no fit stays as it is.
                     let holds = (*light > bound) & held.is_finite();
                     *light = if holds { held } else { *light };
                 }
@@ -204,46 +211,62 @@ impl<'a> Kernel for VarianceOfMean<'a> {
     }
 }
 
-/// Writes the regression's weights: NaN for emitters, and less where light is bright.
-struct Weigh<'a> {
-    albedo: Option<Pixels<'a>>,
-    /// Of the accumulated light, if bright light weighs less.
-    luminance: Option<View<'a>>,
-    /// The luminance whose weight is a quarter.
+/// Writes weights that are less where light is bright.
+struct ByLight<'a> {
+    /// Of the accumulated light.
+    luminance: View<'a>,
+    /// Its exposure.
     bright: f32,
+    textured: bool,
 }
 
-impl<'a> Kernel for Weigh<'a> {
+impl<'a> Kernel for ByLight<'a> {
     type Out = BandMut<'a>;
 
     #[inline(always)]
     fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut out: BandMut<'a>) {
-        let width = out.row(0, rows.start).len();
+        let width = self.luminance.size.width;
         let (mut columns, mut numbers) = (vec![], vec![0.0; width]);
+        let counts = |v: f32| (0.0..f32::INFINITY).contains(&v);
+        let positive = |v: f32| if counts(v) { v } else { 0.0 };
+        let one = |v: f32| if counts(v) { 1.0 } else { 0.0 };
+        let brighter = if self.textured { 16.0 } else { 2.0 } * self.bright;
         for y in rows {
             let weights = out.row(0, y);
-            match self.luminance {
-                Some(luminance) => {
-                    let counts = |v: f32| (0.0..f32::INFINITY).contains(&v);
-                    let positive = |v: f32| if counts(v) { v } else { 0.0 };
-                    let one = |v: f32| if counts(v) { 1.0 } else { 0.0 };
-                    box_sums(luminance, 0, y, 1, positive, &mut columns, weights);
-                    box_sums(luminance, 0, y, 1, one, &mut columns, &mut numbers);
-                    for (weight, number) in weights.iter_mut().zip(&numbers) {
-                        let mean = *weight / number.max(1.0);
-                        let toned = 1.0 + mean / self.bright;
-                        *weight = 1.0 / (toned * toned);
-                    }
-                }
+            box_sums(self.luminance, 0, y, 1, positive, &mut columns, weights);
+            box_sums(self.luminance, 0, y, 1, one, &mut columns, &mut numbers);
+            for (weight, number) in weights.iter_mut().zip(&numbers) {
+                let mean = *weight / number.max(1.0);
+                let times = mean / brighter;
+                let toned = 1.0 + if self.textured { times * times } else { times };
+                *weight = 1.0 / (toned * toned);
+            }
+        }
+    }
+}
+
+/// Writes NaN for emitters, and elsewhere the weights of light.
+struct WithoutEmitters<'a> {
+    albedo: Pixels<'a>,
+    weight: Option<View<'a>>,
+}
+
+impl<'a> Kernel for WithoutEmitters<'a> {
+    type Out = BandMut<'a>;
+
+    #[inline(always)]
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut out: BandMut<'a>) {
+        for y in rows {
+            let weights = out.row(0, y);
+            match self.weight {
+                Some(weight) => weights.copy_from_slice(weight.row(0, y)),
                 None => weights.fill(1.0),
             }
-            if let Some(albedo) = self.albedo {
-                let first = y * weights.len();
-                for (x, weight) in weights.iter_mut().enumerate() {
-                    let [r, g, b] = albedo.vector(first + x);
-                    let reflects = (r > BLACK) | (g > BLACK) | (b > BLACK);
-                    *weight = if reflects { *weight } else { f32::NAN };
-                }
+            let first = y * weights.len();
+            for (x, weight) in weights.iter_mut().enumerate() {
+                let [r, g, b] = self.albedo.vector(first + x);
+                let reflects = (r > BLACK) | (g > BLACK) | (b > BLACK);
+                *weight = if reflects { *weight } else { f32::NAN };
             }
         }
     }

@@ -130,7 +130,7 @@ impl Still {
         let texture = Texture {
             albedo,
             emission,
-            mask: None,
+            mask: now.texture.and_then(|texture| texture.mask),
         };
         let light = illumination(mean, Some(texture));
         let mut variance = Image::blank(size, 1);

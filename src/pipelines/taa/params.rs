@@ -13,6 +13,7 @@ use crate::kernels::judge::innovation;
 use crate::kernels::judge::neighborhood::{self, Bounds, Response, Space};
 use crate::kernels::merge::blend::{self, Weighting};
 use crate::kernels::merge::resolve;
+use crate::kernels::smooth::fireflies;
 use crate::math::larger;
 use crate::pipelines::frame::{Frame, Guides, SurfaceRecords};
 
@@ -35,7 +36,7 @@ pub struct Params {
     /// frames are also weighted by the tone curve. Frames whose only guide is depth get four fifths of the share, and the
     /// tone curve of four times the exposure; neither if their depth shows geometry that is thinner than a pixel.
     pub unguided_alpha: f32,
-    /// Frames with albedo, normals or ids are weighted by the tone curve of so many times the exposure; 0: as others are.
+    /// Frames with albedo, normals or ids are weighted by local tone at so many times the exposure; 0: as others are.
     pub guided_exposure: f32,
     /// What else weighs the two colours; its exposure is relative to that of the frame.
     pub blend: blend::Params,
@@ -43,6 +44,8 @@ pub struct Params {
     pub reconstruct: Option<resolve::Filter>,
     /// The surface tests that history must pass.
     pub limits: Limits,
+    /// Whether outliers of the samples are held down first.
+    pub fireflies: Option<fireflies::Params>,
     /// Whether history is shortened where the temporal gradient estimates that the light has changed.
     pub gradient: bool,
     /// How much history is shortened where it was clipped; from 0; 0.
@@ -175,6 +178,7 @@ impl Params {
         blend: blend::Params::PLAIN,
         reconstruct: None,
         limits: Limits::NONE,
+        fireflies: None,
         gradient: false,
         anti_lag: 0.0,
         alternation: false,
@@ -279,22 +283,29 @@ impl Params {
         from_0_to_1("unguided_alpha", self.unguided_alpha)?;
         finite_from_0("guided_exposure", self.guided_exposure)?;
         self.blend_factor.check()?;
+        self.fireflies
+            .iter()
+            .try_for_each(fireflies::Params::check)?;
         self.blend.check()
     }
 
     /// With the share and the weights that a frame's guides ask for.
     pub(super) fn of(mut self, frame: &Frame) -> Self {
         let share = self.unguided_alpha;
-        let (least, brighter) = match frame.guides() {
-            Guides::None if share > 0.0 => (share, 1.0),
-            Guides::Depth(depth) if share > 0.0 && !is_thin(depth) => (0.8 * share, 4.0),
-            Guides::More if self.guided_exposure > 0.0 => (0.0, self.guided_exposure),
+        let (least, weighting, brighter) = match frame.guides() {
+            Guides::None if share > 0.0 => (share, Weighting::Tone, 1.0),
+            Guides::Depth(depth) if share > 0.0 && !is_thin(depth) => {
+                (0.8 * share, Weighting::Tone, 4.0)
+            }
+            Guides::More if self.guided_exposure > 0.0 => {
+                (0.0, Weighting::LocalTone, self.guided_exposure)
+            }
             _ => return self,
         };
         let factor = &mut self.blend_factor;
         factor.alpha = larger(factor.alpha, least);
         factor.fast_alpha = larger(factor.fast_alpha, least);
-        (self.blend.weighting, self.blend.exposure) = (Weighting::Tone, brighter);
+        (self.blend.weighting, self.blend.exposure) = (weighting, brighter);
         self
     }
 

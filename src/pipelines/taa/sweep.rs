@@ -31,7 +31,7 @@ use crate::kernels::judge::alternation::hold;
 use crate::kernels::judge::anti_lag;
 use crate::kernels::judge::neighborhood::Window;
 use crate::kernels::merge::accumulate::{count_missing, load_shares, tenth_power};
-use crate::kernels::merge::blend::{Weighting, mix, reduce_flicker};
+use crate::kernels::merge::blend::{Weighting, mix, reduce_flicker, weigh_by_local_tone};
 use crate::math::{Color, is_present, larger, luminance};
 use crate::pipelines::frame::{Report, blacken_missing};
 use crate::pixels::{MotionLanes, MotionRun, PixelsMut, Row, lanes};
@@ -209,6 +209,9 @@ impl<'a> Kernel for Sweep<'a> {
                     reduce_flicker(&window.colors, run, old, blend.flicker, &mut factors);
                 }
                 let (weighting, bright) = (blend.weighting, blend.exposure);
+                if weighting == Weighting::LocalTone {
+                    weigh_by_local_tone(&window.colors, run, old, bright, &mut factors);
+                }
                 mix(colors, old, &factors, weighting, bright, &mut merged);
                 *out.missing += count_missing(colors.map(|row| &row[..run.len]));
                 out.write(run, &past, &mut merged);

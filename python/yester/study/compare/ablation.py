@@ -190,7 +190,7 @@ ABLATIONS = (
     _stage("exact hull", added=True, box="exact-hull", response="current"),
     _ablation(_BMFR, "innovation", pipeline(BMFR, innovation=False)),
     _ablation(_BMFR, "small blocks without albedo", pipeline(BMFR, block=16)),
-    _ablation(_BMFR, "bright light weighs less without albedo", pipeline(BMFR, by_light=False)),
+    _ablation(_BMFR, "bright light weighs less in fits", pipeline(BMFR, by_light=False)),
     _ablation(_BMFR, "restored detail", pipeline(BMFR, restore=False)),
     _ablation(_BMFR, "motion test", pipeline(BMFR, motion_difference=math.inf)),
     _ablation(_HALF_RES, "innovation", on_part(quarter, pipeline(HalfRes, innovation=False))),
@@ -217,6 +217,7 @@ ABLATIONS = (
         _ablation(_TAA, component, run, added=True)
         for component, run in {
             "innovation": pipeline(TAA, innovation=True),
+            "fireflies": pipeline(TAA, fireflies=True),
             "depth and plane test": pipeline(TAA, relative_depth=0.1, plane_distance=0.01),
             "id test": pipeline(TAA, ids=True),
             "gradient": pipeline(TAA, gradient=True),

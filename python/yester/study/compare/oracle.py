@@ -48,8 +48,8 @@ class Gain:
     scene, candidates : str
         Names of the sequence and of the candidates: "passes", or the method with one component switched.
     gains : dict of str to dict of str to float
-        By oracle and metric, the improvement over the default, as `harm.gains` returns it. Candidates "passes" also
-        have the entry "none": the improvement of the default over its usual number of passes, fixed.
+        By oracle and metric, the improvement over the default, as `harm.gains` returns it. For candidates "passes", the
+        improvement over the usual number of passes, and "default" beside the oracles.
     """
 
     scene: str
@@ -97,9 +97,10 @@ def gains(recording: Recording) -> Iterator[Gain]:
     default = _results(pipeline(SVGF), frames, references)
     fixed = [_results(pipeline(SVGF, iterations=n, choice=False), frames, references) for n in PASSES]
     usual = _results(pipeline(SVGF, choice=False), frames, references)
-    own = _values(default, references)
-    found = {oracle: harm.gains(_values(_best(fixed, references, oracle), references), own) for oracle in ORACLES}
-    yield Gain(recording.name, "passes", found | {"none": harm.gains(own, _values(usual, references))})
+    own, plain = _values(default, references), _values(usual, references)
+    best = {oracle: _values(_best(fixed, references, oracle), references) for oracle in ORACLES}
+    choosing = {"default": own, **best}
+    yield Gain(recording.name, "passes", {key: harm.gains(values, plain) for key, values in choosing.items()})
     for each in ABLATIONS:
         if each.whole.name == "SVGF" and each.component not in ("choice", "later frames"):
             pair = default, _results(each.method.run, frames, references)
@@ -112,17 +113,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     options = parser("yester.study.compare.oracle", __doc__, ("all", "late-held-out")).parse_args(arguments)
     shape: dict[str, Any] = {"frames": 12, "width": 128, "height": 96, "reference_spp": 256}
     found = [gain for name in expand(options.sequences) for gain in gains(record(name, options.cache, **shape))]
-    print("gain in PSNR of choosing the number of passes per tile, over the usual number")
-    rows = [["", "default", *(f"oracle, {name}" for name in ORACLES)]]
-    passes = {gain.scene: gain.gains for gain in found if gain.candidates == "passes"}
-    for scene, known in passes.items():
-        reached = known["none"]["psnr"]
-        rows.append(
-            [scene, *(f"{value:+.2f} dB" for value in (reached, *(reached + known[o]["psnr"] for o in ORACLES)))]
-        )
-    means = [[float(cell.split()[0]) for cell in row[1:]] for row in rows[1:]]
-    rows.append(["mean", *(f"{value:+.2f} dB" for value in np.mean(means, 0))])
-    print(harm.aligned(rows), end="\n\n")
+    for key in _MEASURED:
+        print(f"gain in {METRICS[key].label} of choosing the number of passes per tile, over the usual number")
+        print(_by_scene(key, {gain.scene: gain.gains for gain in found if gain.candidates == "passes"}), end="\n\n")
     for oracle in ORACLES:
         print(f"gain of choosing per tile between the default and another, by the errors of {_KNOWN[oracle]}")
         others: dict[str, dict[str, Mapping[str, float]]] = {}
@@ -130,6 +123,18 @@ def main(arguments: Sequence[str] | None = None) -> None:
             if gain.candidates != "passes":
                 others.setdefault(gain.candidates, {})[gain.scene] = gain.gains[oracle]
         print(harm.table(others), end="\n\n")
+
+
+def _by_scene(key: str, found: Mapping[str, Mapping[str, Mapping[str, float]]]) -> str:
+    """The gains in a metric, and the share of the first oracle's gain that the default reaches."""
+    columns = ("default", *ORACLES)
+    known = {scene: [gains[column][key] for column in columns] for scene, gains in found.items()}
+    known["mean"] = [float(mean) for mean in np.mean([*known.values()], 0)]
+    rows = [["", "default", *(f"oracle, {name}" for name in ORACLES), "reached"]]
+    for scene, (default, best, before) in known.items():
+        share = f"{default / best:.0%}" if best > 0 else ""
+        rows.append([scene, *(harm.amount(key, gain) for gain in (default, best, before)), share])
+    return harm.aligned(rows)
 
 
 _KNOWN = {"now": "this frame", "before": "earlier frames"}
