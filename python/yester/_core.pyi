@@ -1153,9 +1153,11 @@ class TAA(Pipeline):
     Upscaler : Antialiases and upscales.
     morphological_aa : Antialiases a single image.
 
-    Notes ----- Each step consists of this package's functions and gives their bits: `motion_vectors`, `depth_change`
-    (for tests of depth), `suppress_fireflies`, `resolve` (with "blackman-harris", of frames that tell their jitter, but
-    for "textbook"), `dilate_motion`, `reproject` without fallback, `blend_factor`, `exposure`, `clip_history`,
+    Notes
+    -----
+    Each step consists of this package's functions and gives their bits: `motion_vectors`, `depth_change` (for tests of
+    depth), `suppress_fireflies`, `resolve` (with "blackman-harris", of frames that tell their jitter, but for
+    "textbook"), `dilate_motion`, `reproject` without fallback, `blend_factor`, `exposure`, `clip_history`,
     `alternation`, `anti_lag`, `temporal_gradient` (``noise=2.2, passes=3, widest=5``), `blend`. The weight of a pixel's
     N-th sample is at least 1/N. With a gradient λ, N is first shortened to N (1 - λ)¹⁰, and the weight a becomes
     ``lerp(a, 1, λ)``, as in `accumulate`. Preset "karis" follows Karis [1]_, "filament" Google's Filament [2]_; Yang et
@@ -1303,7 +1305,9 @@ class Recirculation(Pipeline):
     splat : Scatters history.
     recirculate : Blends history and new samples.
 
-    Notes ----- After a developer's diary [1]_. Each step consists of this package's functions and gives their bits:
+    Notes
+    -----
+    After a developer's diary [1]_. Each step consists of this package's functions and gives their bits:
     `suppress_fireflies`, `pull_push` (of colour and the inverse of depth), `splat` (with a reach of 0.5),
     `motion_vectors`, `recirculate`, without blur for the next frame and with it for the result, and from the second
     frame on `innovation` (``sparse=True``, with the `exposure` of the result, and the motion of `recirculate`). The
@@ -1421,7 +1425,9 @@ class Upscaler(Pipeline):
     TAA : Antialiases without upscaling.
     jitter : Sub-pixel offsets.
 
-    Notes ----- Its parts follow AMD's FSR 2 [1]_. Each step consists of this package's functions and gives their bits:
+    Notes
+    -----
+    Its parts follow AMD's FSR 2 [1]_. Each step consists of this package's functions and gives their bits:
     `dilate_motion`, `disocclusion`, `reproject` with "catmull-rom-5" and without tests, `suppress_fireflies`,
     `thin_features`, `resample` (colour by "lanczos-2", all else by "nearest"), `temporal_gradient` between the new
     samples and the history at their places, `clip_history`, `blend_factor`, `blend` and `sharpen`. A new frame of
@@ -3290,12 +3296,14 @@ def blend(
     clip_history : Clips history, and blends in the same pass.
     accumulate : Merges by the number of samples.
 
-    Notes ----- First `flicker`, of Karis [1]_: with ``k = lerp(flicker, 1, d)`` and d the distance of history's
-    luminance from the nearer end of the neighbourhood's range, in half ranges, alpha becomes ``alpha (k + alpha (1 -
-    k))``. Then the weighting. "none": ``h + alpha (c - h)``. "tone" is Karis's, too. It darkens the edges of lamps, as
-    most samples that hit one count for little there; "local-tone", our own, does so less. Missing pixels are left out
-    of its mean, and negative luminances count as 0. "luminance": the same as "none" with ``lerp(min(4 alpha, 1), alpha,
-    (1 - d)²)`` for alpha and ``d = min(|l - l'| / max(l, l', 0.2 exposure), 1)``, as in INSIDE [2]_.
+    Notes
+    -----
+    First `flicker`, of Karis [1]_: with ``k = lerp(flicker, 1, d)`` and d the distance of history's luminance from the
+    nearer end of the neighbourhood's range, in half ranges, alpha becomes ``alpha (k + alpha (1 - k))``. Then the
+    weighting. "none": ``h + alpha (c - h)``. "tone" is Karis's, too. It darkens the edges of lamps, as most samples
+    that hit one count for little there; "local-tone", our own, does so less. Missing pixels are left out of its mean,
+    and negative luminances count as 0. "luminance": the same as "none" with ``lerp(min(4 alpha, 1), alpha, (1 - d)²)``
+    for alpha and ``d = min(|l - l'| / max(l, l', 0.2 exposure), 1)``, as in INSIDE [2]_.
 
     References
     ----------

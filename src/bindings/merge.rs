@@ -620,12 +620,14 @@ pub fn resolve_<'py>(
 /// clip_history : Clips history, and blends in the same pass.
 /// accumulate : Merges by the number of samples.
 ///
-/// Notes ----- First `flicker`, of Karis [1]_: with ``k = lerp(flicker, 1, d)`` and d the distance of history's
-/// luminance from the nearer end of the neighbourhood's range, in half ranges, alpha becomes ``alpha (k + alpha (1 -
-/// k))``. Then the weighting. "none": ``h + alpha (c - h)``. "tone" is Karis's, too. It darkens the edges of lamps, as
-/// most samples that hit one count for little there; "local-tone", our own, does so less. Missing pixels are left out
-/// of its mean, and negative luminances count as 0. "luminance": the same as "none" with ``lerp(min(4 alpha, 1), alpha,
-/// (1 - d)²)`` for alpha and ``d = min(|l - l'| / max(l, l', 0.2 exposure), 1)``, as in INSIDE [2]_.
+/// Notes
+/// -----
+/// First `flicker`, of Karis [1]_: with ``k = lerp(flicker, 1, d)`` and d the distance of history's luminance from the
+/// nearer end of the neighbourhood's range, in half ranges, alpha becomes ``alpha (k + alpha (1 - k))``. Then the
+/// weighting. "none": ``h + alpha (c - h)``. "tone" is Karis's, too. It darkens the edges of lamps, as most samples
+/// that hit one count for little there; "local-tone", our own, does so less. Missing pixels are left out of its mean,
+/// and negative luminances count as 0. "luminance": the same as "none" with ``lerp(min(4 alpha, 1), alpha, (1 - d)²)``
+/// for alpha and ``d = min(|l - l'| / max(l, l', 0.2 exposure), 1)``, as in INSIDE [2]_.
 ///
 /// References
 /// ----------

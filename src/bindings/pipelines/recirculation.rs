@@ -56,7 +56,9 @@ use crate::pipelines::recirculation;
 /// splat : Scatters history.
 /// recirculate : Blends history and new samples.
 ///
-/// Notes ----- After a developer's diary [1]_. Each step consists of this package's functions and gives their bits:
+/// Notes
+/// -----
+/// After a developer's diary [1]_. Each step consists of this package's functions and gives their bits:
 /// `suppress_fireflies`, `pull_push` (of colour and the inverse of depth), `splat` (with a reach of 0.5),
 /// `motion_vectors`, `recirculate`, without blur for the next frame and with it for the result, and from the second
 /// frame on `innovation` (``sparse=True``, with the `exposure` of the result, and the motion of `recirculate`). The

@@ -111,9 +111,11 @@ use crate::pipelines::taa;
 /// Upscaler : Antialiases and upscales.
 /// morphological_aa : Antialiases a single image.
 ///
-/// Notes ----- Each step consists of this package's functions and gives their bits: `motion_vectors`, `depth_change`
-/// (for tests of depth), `suppress_fireflies`, `resolve` (with "blackman-harris", of frames that tell their jitter, but
-/// for "textbook"), `dilate_motion`, `reproject` without fallback, `blend_factor`, `exposure`, `clip_history`,
+/// Notes
+/// -----
+/// Each step consists of this package's functions and gives their bits: `motion_vectors`, `depth_change` (for tests of
+/// depth), `suppress_fireflies`, `resolve` (with "blackman-harris", of frames that tell their jitter, but for
+/// "textbook"), `dilate_motion`, `reproject` without fallback, `blend_factor`, `exposure`, `clip_history`,
 /// `alternation`, `anti_lag`, `temporal_gradient` (``noise=2.2, passes=3, widest=5``), `blend`. The weight of a pixel's
 /// N-th sample is at least 1/N. With a gradient λ, N is first shortened to N (1 - λ)¹⁰, and the weight a becomes
 /// ``lerp(a, 1, λ)``, as in `accumulate`. Preset "karis" follows Karis [1]_, "filament" Google's Filament [2]_; Yang et

@@ -49,7 +49,9 @@ use crate::pipelines::upscaler;
 /// TAA : Antialiases without upscaling.
 /// jitter : Sub-pixel offsets.
 ///
-/// Notes ----- Its parts follow AMD's FSR 2 [1]_. Each step consists of this package's functions and gives their bits:
+/// Notes
+/// -----
+/// Its parts follow AMD's FSR 2 [1]_. Each step consists of this package's functions and gives their bits:
 /// `dilate_motion`, `disocclusion`, `reproject` with "catmull-rom-5" and without tests, `suppress_fireflies`,
 /// `thin_features`, `resample` (colour by "lanczos-2", all else by "nearest"), `temporal_gradient` between the new
 /// samples and the history at their places, `clip_history`, `blend_factor`, `blend` and `sharpen`. A new frame of
