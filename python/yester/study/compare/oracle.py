@@ -114,7 +114,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     shape: dict[str, Any] = {"frames": 12, "width": 128, "height": 96, "reference_spp": 256}
     found = [gain for name in expand(options.sequences) for gain in gains(record(name, options.cache, **shape))]
     for key in _MEASURED:
-        print(f"gain in {METRICS[key].label} of choosing the number of passes per tile, over the usual number")
+        name = METRICS[key].label.removesuffix(" [dB]")
+        print(f"gain in {name} of choosing the number of passes per tile, over the usual number")
         print(_by_scene(key, {gain.scene: gain.gains for gain in found if gain.candidates == "passes"}), end="\n\n")
     for oracle in ORACLES:
         print(f"gain of choosing per tile between the default and another, by the errors of {_KNOWN[oracle]}")
@@ -132,7 +133,7 @@ def _by_scene(key: str, found: Mapping[str, Mapping[str, Mapping[str, float]]]) 
     known["mean"] = [float(mean) for mean in np.mean([*known.values()], 0)]
     rows = [["", "default", *(f"oracle, {name}" for name in ORACLES), "reached"]]
     for scene, (default, best, before) in known.items():
-        share = f"{default / best:.0%}" if best > 0 else ""
+        share = f"{100 * default / best:.0f} %" if best > 0 else ""
         rows.append([scene, *(harm.amount(key, gain) for gain in (default, best, before)), share])
     return harm.aligned(rows)
 
