@@ -4,7 +4,7 @@
 //! - **tone**: each side also weighted by 1/(e + luminance), with e the exposure, so that no bright sample outweighs the
 //!   rest (Karis 2014, *High Quality Temporal Supersampling*).
 //! - **local tone**: the same with max(e, 4 l̄) for e, where l̄ is the mean luminance of the samples of 3×3 pixels. Along the
-//!   edge of a lamp, most of the samples that hit it would count for too little: the edge became darker than it is.
+//!   edge of a lamp, the samples that hit it would count for too little, and the edge would become darker than it is.
 //! - **luminance**: α grows up to fourfold where luminances differ, lerp(min(4α, 1), α, (1 − δ)²) with
 //!   δ = |l − l′| / max(l, l′, 0.2 e) (Playdead 2016, *Temporal Reprojection Anti-Aliasing in INSIDE*).
 //!
