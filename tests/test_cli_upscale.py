@@ -31,10 +31,11 @@ def test_files_keep_jitter_and_mask(sequence):
     assert "jitter" in run("info", sequence / "shot3.exr").stdout
 
 
-def test_upscale_is_the_pipeline(sequence, tmp_path):
+@pytest.mark.parametrize("options", [{}, {"fireflies": True}])
+def test_upscale_is_the_pipeline(sequence, tmp_path, options):
     """In natural order, at the new size, with a camera of that size."""
-    run("upscale", sequence, "-o", tmp_path / "out")
-    upscaler = yester.Upscaler()
+    run("upscale", sequence, "-o", tmp_path / "out", *(f"--{name}" for name in options))
+    upscaler = yester.Upscaler(**options)
     for i in range(12):
         want = upscaler.step(read_exr(sequence / f"shot{i + 1}.exr")).color
         got = read_exr(tmp_path / "out" / f"shot{i + 1}.exr")
@@ -43,8 +44,20 @@ def test_upscale_is_the_pipeline(sequence, tmp_path):
 
 
 def test_options(sequence, tmp_path):
-    run("upscale", sequence, "-o", tmp_path / "out", "--scale", 1.5, "--sharpness", 0.4, "--denoise", "--half")
-    svgf, upscaler = yester.SVGF(antialias=False), yester.Upscaler(1.5, sharpness=0.4)
+    run(
+        "upscale",
+        sequence,
+        "-o",
+        tmp_path / "out",
+        "--scale",
+        1.5,
+        "--sharpness",
+        0.4,
+        "--denoise",
+        "--half",
+        "--fireflies",
+    )
+    svgf, upscaler = yester.SVGF(antialias=False, fireflies=True), yester.Upscaler(1.5, sharpness=0.4)
     for i in range(12):
         frame = read_exr(sequence / f"shot{i + 1}.exr")
         named = {"depth": frame.depth, "reactive": frame.reactive, "camera": frame.camera, "jitter": frame.jitter}
