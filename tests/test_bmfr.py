@@ -70,8 +70,8 @@ def test_blocks_are_smaller_without_albedo():
     check_bits(frames_of(("normal", "depth"), 10))
 
 
-@pytest.mark.parametrize(("lacking", "most"), [("albedo", 0.15), ("emission", 0.3)])
-def test_bright_light_weighs_less_where_lamps_are_not_told(lacking, most):
+@pytest.mark.parametrize(("lacking", "rtol"), [("albedo", 0.5), ("emission", 2.0)])
+def test_bright_light_weighs_less_where_lamps_are_not_told(lacking, rtol):
     """A lamp shines less far into its block; the reference says so as well."""
     light = np.full((24, 24, 3), 0.1, np.float32)
     light[8:10, 8:10] = 100
@@ -85,7 +85,7 @@ def test_bright_light_weighs_less_where_lamps_are_not_told(lacking, most):
     assert_same_bits(usual, other)
     far = np.s_[14:16, 14:16]
     assert uniform[far].mean() > 5
-    assert usual[far].mean() < most
+    assert np.allclose(usual[far], 0.1, rtol=rtol)
     check_bits([frame, frame])
     buffers = {name: tensor(value) for name in ("color", "albedo") if (value := getattr(frame, name)) is not None}
     want = reference.BMFR(**named).step(

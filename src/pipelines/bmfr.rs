@@ -179,11 +179,11 @@ impl Steps for Bmfr {
         let bright = exposure(light);
         let textured = frame.albedo.is_some();
         let tells_lamps = textured && frame.emission.is_some();
-        let by_light =
+        let trust =
             (params.by_light.unwrap_or(!tells_lamps)).then(|| by_light(light, bright, textured));
-        let by_light = by_light.as_ref().map(Image::view);
-        let reflecting = (frame.albedo).map(|albedo| without_emitters(albedo, by_light));
-        let weight = reflecting.as_ref().map(Image::view).or(by_light);
+        let trust = trust.as_ref().map(Image::view);
+        let reflecting = (frame.albedo).map(|albedo| without_emitters(albedo, trust));
+        let weight = reflecting.as_ref().map(Image::view).or(trust);
         let fit = fit(
             light,
             features,
@@ -200,13 +200,13 @@ impl Steps for Bmfr {
         let repeats = repeats.unwrap_or(false);
         // The mean of noise that repeats varies by more than its samples tell.
         let mut detailed = (params.restore.filter(|_| !repeats))
-            .map(|params| restored(&history, sample.pixels(), by_light, params));
+            .map(|params| restored(&history, sample.pixels(), trust, params));
         drop((sample, past, fit));
         let evidence = (params.history.innovation.filter(|_| !first)).map(|params| {
             inputs.correct(
                 params,
                 bright,
-                by_light,
+                trust,
                 evidence.as_ref(),
                 &mut history,
                 detailed.as_mut(),
@@ -222,7 +222,7 @@ impl Steps for Bmfr {
                 let denoised = Denoised {
                     color: color.into(),
                     corrects: params.history.innovation.is_some(),
-                    weight: by_light,
+                    weight: trust,
                     repeats,
                     others: Others {
                         tests: Tests::none(),

@@ -1,9 +1,7 @@
 //! Recirculation: whole pictures of frames of which a part of the pixels is traced, as a list of this library's
-//! kernels:
+//! kernels, `splat` only if history is splatted and not fetched:
 //!
-//!   (suppress fireflies) → (motion of a still scene) → pull-push → splat → motion → recirculate → (innovation)
-//!
-//! if history is splatted, and without `splat` if it is fetched.
+//!   (suppress fireflies) → (motion of a still scene) → pull-push → (splat) → motion → recirculate → (innovation)
 //!
 //! Splatted, history is a set of points, one for each pixel: colour, depth, place in the pixel, drift and quality. The
 //! points are scattered to where they appear now; the new samples, whose holes are filled, join them by quality; the result

@@ -4,8 +4,8 @@
 //! the blend factor max(1/N, fitted_alpha). Emitters are left out of the fits: they shine by themselves, and a block
 //! would spread their light as if it fell on its surfaces. Without albedo, light has texture that no feature
 //! describes, and smaller blocks blur less of it. Emitters cannot be told then, and are fitted together with the dark
-//! around them; with albedo and without emission, so are lamps that reflect as well, and the pixels beside black ones.
-//! Bright light therefore weighs less:
+//! around them. With albedo but without emission, so are lamps whose albedo is not black. Bright light therefore weighs
+//! less:
 //!   w = 1 / (1 + x)²,  x = l / 2e without albedo, (l / 16e)² with it,
 //! with l the mean luminance of the accumulated light over 3×3 pixels and e its exposure. The mean keeps bright noise from
 //! being held down by itself. What new samples differ from the output by counts by the same weight when they correct it:
