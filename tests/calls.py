@@ -190,6 +190,10 @@ def calls(height: int = 6, width: int = 9, seed: int = 0) -> dict[str, tuple[Cal
             {"normal": now["normal"], "ids": now["ids"], "confidence": length / 9},
         ),
         "is_reflectance": (yester.is_reflectance, {"albedo": albedo, "ids": now["ids"]}),
+        "material_ids": (
+            yester.material_ids,
+            {"albedo": albedo * np.float32(1.6), "normal": now["normal"], "depth": now["depth"]},
+        ),
         "demodulate": (yester.demodulate, {"color": color, "albedo": albedo, "emission": emission}),
         "demodulate(where)": (
             yester.demodulate,

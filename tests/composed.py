@@ -6,8 +6,10 @@ from types import SimpleNamespace
 
 import flight
 import numpy as np
+import torch
 import yester
 from numpy.typing import NDArray
+from reference.demodulate import is_textured, materials
 from reference.taa import PRESETS, for_frame, is_erratic, is_unguided, same_surface, tells_depth, told_by_motion
 from yester.study.synthetic import raycast
 
@@ -45,6 +47,18 @@ def sequence(count: int, *, moving=True, size=(61, 43), holes=True, seed=7) -> l
         frames.append(frame)
         last = color
     return frames
+
+
+def with_white(frames: list[yester.Frame]) -> list[yester.Frame]:
+    """Frames whose box is white, the third and the fourth with a white chessboard; all but the sixth without ids."""
+    shown = []
+    for number, frame in enumerate(frames):
+        white = frame.ids == flight.BOX
+        if number in (2, 3):
+            white = white | (np.indices(frame.shape).sum(0) % 2 == 0)
+        albedo = np.where(white[..., None], np.float32(1), frame.albedo)
+        shown.append(replace(frame, albedo=albedo, ids=frame.ids if number == 5 else None))
+    return shown
 
 
 def with_highlight(frames: list[yester.Frame]) -> list[yester.Frame]:
@@ -380,43 +394,51 @@ def guides(frame: yester.Frame, later=None, incoherent: NDArray | None = None) -
 
 
 class ToldApart(yester.Frame):
-    """A frame without ids of its own: 1 where albedo is no reflectance, 2 elsewhere."""
+    """A frame with other ids than its own, which say what its albedo is."""
+
+    own: NDArray | None
+
+    @classmethod
+    def of(cls, frame: yester.Frame, ids: NDArray | None) -> "ToldApart":
+        names = (*yester.frame.BUFFERS, "jitter", "camera")
+        told = cls(**{name: getattr(frame, name) for name in names} | {"ids": ids})
+        object.__setattr__(told, "own", own_ids(frame))
+        return told
+
+
+def own_ids(frame: yester.Frame) -> NDArray | None:
+    return frame.own if isinstance(frame, ToldApart) else frame.ids
 
 
 def told_apart(frame: yester.Frame, before: yester.Frame | None) -> tuple[yester.Frame, yester.Frame | None]:
-    """Two frames, with ids that tell light that is divided by albedo from light that is not, if they need them."""
-    if frame.ids is not None or frame.albedo is None:
+    """Two frames, with the kinds of material as ids where they have albedo and no ids."""
+    if frame.albedo is None:
         return frame, before
-    if before is None:
-        return (with_ids(frame) if kind(frame) == "mixed" else frame), None
-    if kind(before) == "by ids" or kind(before) == kind(frame) != "mixed":
-        return frame, before
-    return with_ids(frame), with_ids(before)
-
-
-def with_ids(frame: yester.Frame) -> yester.Frame:
+    if before is not None and (own_ids(before) is None) != (frame.ids is None):
+        before = ToldApart.of(before, None)
     if frame.ids is not None:
-        return frame
-    mask = reflects(frame)
-    ids = np.full(frame.shape, 2, np.uint32) if mask is None else np.uint32(1) + mask
-    return ToldApart(
-        **{name: getattr(frame, name) for name in (*yester.frame.BUFFERS, "jitter", "camera")} | {"ids": ids}
-    )
+        return frame, before
+    guides = {name: to_tensor(getattr(frame, name)) for name in ("normal", "depth")}
+    textured = is_textured(kinds_of(frame), **guides)
+    ids = yester.material_ids(frame.albedo, normal=frame.normal, depth=frame.depth)
+    if before is not None and before.ids is not None:
+        kinds = kinds_of(before).clamp(max=2 if textured else 3)
+        before = ToldApart.of(before, kinds.numpy().astype(np.uint32))
+    return ToldApart.of(frame, ids), before
 
 
-def kind(frame: yester.Frame) -> str:
-    """Where the albedo is a reflectance, and what tells."""
-    if frame.ids is not None and not isinstance(frame, ToldApart):
-        return "by ids"
-    if reflects(frame) is None:
-        return "everywhere"
-    return "nowhere" if frame.normal is None or frame.depth is None else "mixed"
+def kinds_of(frame: yester.Frame) -> torch.Tensor:
+    """The kinds of material; white is one, wherever it is."""
+    return materials(*(to_tensor(getattr(frame, name)) for name in ("albedo", "normal", "depth")))
+
+
+def to_tensor(image: NDArray | None) -> torch.Tensor | None:
+    return None if image is None else torch.from_numpy(np.ascontiguousarray(image, dtype=np.float32))
 
 
 def reflects(frame: yester.Frame) -> NDArray | None:
     """Where the albedo is a reflectance; None if nothing tells."""
-    ids = None if isinstance(frame, ToldApart) else frame.ids
-    return yester.is_reflectance(frame.albedo, ids, normal=frame.normal, depth=frame.depth)
+    return yester.is_reflectance(frame.albedo, own_ids(frame), normal=frame.normal, depth=frame.depth)
 
 
 def coarse_ids(frame: yester.Frame) -> NDArray:
@@ -519,7 +541,7 @@ def illumination(color: NDArray, frame: yester.Frame) -> NDArray:
 
 def disowned(before: yester.Frame, frame: yester.Frame) -> NDArray:
     """The ids of the frame before; an unused one where a surface's albedo has become or ceased to be a reflectance."""
-    if before.albedo is None or frame.albedo is None or isinstance(frame, ToldApart):
+    if before.albedo is None or frame.albedo is None or own_ids(frame) is None or before.ids is None:
         return before.ids
     masks = ((each.ids, reflects(each)) for each in (before, frame))
     then, now = (dict(zip(ids.flat, mask.flat, strict=True)) for ids, mask in masks)

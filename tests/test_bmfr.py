@@ -9,7 +9,7 @@ import pytest
 import reference
 import yester
 from compare import SIZES, assert_close, assert_same_bits, colors, each, tensor
-from composed import sequence, with_highlight
+from composed import sequence, with_highlight, with_white
 
 NAMES = ("albedo", "emission", "normal", "depth", "motion", "ids", "position", "camera")
 NEWER = ("object_normal", "replay", "jitter")
@@ -101,6 +101,7 @@ def test_albedo_that_is_no_reflectance():
     frames = with_highlight(frames_of(NAMES, 6))
     check_bits(frames)
     check_bits([replace(frame, ids=None) for frame in frames])
+    check_bits(with_white(frames_of(NAMES, 7)))
 
 
 @pytest.mark.slow

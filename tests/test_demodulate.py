@@ -116,6 +116,51 @@ def test_regions_reference(height, width):
             np.testing.assert_array_equal(got, want.numpy())
 
 
+def materials(rng, height, width, grain):
+    """White, black and grey, in squares of as many pixels, on surfaces of eight pixels; metal here and there."""
+    y, x = np.mgrid[:height, :width]
+    kinds = rng.choice([0, 0.5, 0.98, 0.99, 1], (height, width))[y // grain, x // grain]
+    albedo = np.repeat(kinds.astype(np.float32)[..., None], 3, -1)
+    albedo[rng.random((height, width)) < 0.02, 1] = rng.choice([0.4, np.nan, np.inf])
+    turn = np.float32(0.3) * rng.integers(0, 2, (height, width))[y // 8, x // 8]
+    normal = np.stack([np.sin(turn), np.zeros_like(turn), np.cos(turn)], -1)
+    depth = (2 + 0.03 * rng.integers(0, 4, (height, width))[y // 8, x // 8]).astype(np.float32)
+    return albedo, {"normal": normal, "depth": depth}
+
+
+@each("grain", [1, 2, 8])
+@each("metal", [False, True])
+@each(("height", "width"), SIZES + TAILS)
+def test_material_reference(height, width, metal, grain):
+    albedo, guides = materials(np.random.default_rng(height), height, width, grain)
+    if metal:
+        albedo[: height // 3, : width // 2] = 9
+    for names in ((), ("normal",), ("depth",), ("normal", "depth")):
+        given = {name: guides[name] for name in names}
+        got = yester.material_ids(albedo, **given)
+        assert got.dtype == np.uint32
+        want = reference.material_ids(tensor(albedo), **{name: tensor(image) for name, image in given.items()})
+        np.testing.assert_array_equal(got, want.numpy())
+
+
+def test_white_tells_where_it_ends_with_surfaces():
+    """Glass in front of a wall, and as a pane in it; not the white fields of a chessboard, unless they are few."""
+    albedo = np.full((64, 64, 3), 0.5, np.float32)
+    albedo[16:48, 16:48] = 1
+    depth = np.full((64, 64), 4, np.float32)
+    depth[16:48, 16:48] = 3
+    guides = {"normal": np.broadcast_to(np.float32([0, 0, 1]), (64, 64, 3)), "depth": depth}
+    expected = np.where(albedo[..., 0] == 1, 3, 2)
+    assert (yester.material_ids(albedo, **guides) == expected).all()
+    depth[:] = 4  # 128 pairs of neighbours for 1024 pixels
+    assert (yester.material_ids(albedo, **guides) == expected).all()
+    assert (yester.material_ids(albedo) == expected).all()
+    albedo[0, 0] = 1  # two pairs and a pixel more
+    assert (yester.material_ids(albedo, **guides) == 2).all()
+    albedo[::2, ::2] = 1
+    assert (yester.material_ids(albedo, **guides) == 2).all()
+
+
 def test_a_region_is_what_connects():
     """A metal ring around a plate: the lobe on one side of it speaks for the other, but not for the plate."""
     y, x = np.mgrid[:48, :48]

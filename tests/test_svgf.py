@@ -9,7 +9,7 @@ import pytest
 import reference
 import yester
 from compare import assert_close, assert_same_bits, tensor
-from composed import sample, sequence, supersampled, with_highlight
+from composed import sample, sequence, supersampled, with_highlight, with_white
 from yester.study.synthetic import raycast
 
 WIDTH, HEIGHT = 61, 43
@@ -151,6 +151,21 @@ def test_regions_stand_in_for_ids(lacking):
             assert (output.history_length[~mask].max() > 1) == longer
     # Without normals or depth, no pixel had a reflectance in the frame before, and all have one now.
     assert (outputs[3].history_length.max() > 1) == (lacking == ("ids",))
+
+
+def test_white_stands_in_for_ids():
+    """It counts again after a frame in which it did not; ids that come and go are compared with no kinds."""
+    frames = with_white(frames_of(NAMES, 9))
+    counts = [
+        (yester.material_ids(frame.albedo, normal=frame.normal, depth=frame.depth) == 3).any() for frame in frames
+    ]
+    assert counts == [True, True, False, False, True, True, True, True, True]
+    check_bits(frames)
+    svgf = yester.SVGF()
+    outputs = [svgf.step(frame) for frame in frames]
+    assert ["ids" in output.used for output in outputs] == [number == 5 for number in range(9)]
+    lengths = [output.history_length for output in outputs]
+    assert all(np.mean(now > 1) > 0.7 for now in lengths[1:])
 
 
 def in_leaves(frames: list[yester.Frame]) -> list[yester.Frame]:

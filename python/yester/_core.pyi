@@ -61,6 +61,7 @@ __all__ = [
     "joint_bilateral_upsample",
     "light_change",
     "machine_limits",
+    "material_ids",
     "morphological_aa",
     "motion_vectors",
     "prediction_gain",
@@ -679,15 +680,16 @@ class SVGF(Pipeline):
     Notes
     -----
     The method is that of Schied et al. [1]_, with their later gradient [2]_. Each step consists of this package's
-    functions and gives their bits: `motion_vectors`, `depth_change` (without cameras), `is_reflectance` (with
-    albedo), `demodulate`, `repetition`, `reproject` (with `consistency`), `incoherent_guides`, `light_change` (without
-    a replay), `suppress_fireflies`, `temporal_gradient`, `virtual_motion` and `prediction_gain`, `accumulate`,
-    `combine_histories` (with `later`), `choice`, `estimate_variance`, `atrous`, `compare_candidates` and `innovation`
-    (with the `exposure` of the history), `remodulate`, those of `TAA`, `innovation` of its result and history (with
-    the `exposure` of the result, ``strictness=12, share=0.7``), and with `average_still` those of the mean
-    (``strictness=24, share=0.7``): `innovation`, `demodulate`, `atrous`, `remodulate` and `converge`. Of the history
-    and of `later`, no more than ``1 / alpha - 1`` samples count. The correction by a replay is an `innovation` of
-    history, too: its samples are the replayed ones' change, relative to the samples blurred by `atrous`.
+    functions and gives their bits: `motion_vectors`, `depth_change` (without cameras), `is_reflectance` (with albedo),
+    `material_ids` (with albedo, without ids), `demodulate`, `repetition`, `reproject` (with `consistency`),
+    `incoherent_guides`, `light_change` (without a replay), `suppress_fireflies`, `temporal_gradient`, `virtual_motion`
+    and `prediction_gain`, `accumulate`, `combine_histories` (with `later`), `choice`, `estimate_variance`, `atrous`,
+    `compare_candidates` and `innovation` (with the `exposure` of the history), `remodulate`, those of `TAA`,
+    `innovation` of its result and history (with the `exposure` of the result, ``strictness=12, share=0.7``), and with
+    `average_still` those of the mean (``strictness=24, share=0.7``): `innovation`, `demodulate`, `atrous`, `remodulate`
+    and `converge`. Of the history and of `later`, no more than ``1 / alpha - 1`` samples count. The correction by a
+    replay is an `innovation` of history, too: its samples are the replayed ones' change, relative to the samples
+    blurred by `atrous`.
 
     References
     ----------
@@ -981,16 +983,16 @@ class BMFR(Pipeline):
     Notes
     -----
     The method is that of Koskela et al. [1]_. Each step consists of this package's functions and gives their bits:
-    `motion_vectors`, `depth_change` (without cameras), `is_reflectance` (with albedo), `demodulate`, `reproject`
-    (with `consistency`), `light_change` (with `innovation`, without a replay), `suppress_fireflies`,
-    `temporal_gradient`, `accumulate`, `exposure` (with `by_light`), `regress`, `blend`, `repetition`, `clip_history`
-    and `restore_detail`, `innovation`, `remodulate`, and those of `TAA`, corrected as in `SVGF`. From frame to frame
-    the grid of blocks is offset by (0, 0), (4, 4), (2, 6), (6, 2), (1, 3), (5, 7), (3, 1) and (7, 5) eighths of a
-    block. Pixels with black albedo are not fitted: they emit light or show background. The weight of the N-th fit is
-    at least 1/N. Detail is restored with a strictness of 0.7. It comes from the accumulated light of histories of at
-    least 3.5 samples, clipped by ``clip_history(box="minmax", space="rgb", response="clamp")`` to the new samples, and
-    its variance is ``(m2 - m1²) / N``. With `by_light`, what exceeds both fit and own new sample is divided by ``(1 +
-    x / 8)**2``: history beside a lamp contains some of it.
+    `motion_vectors`, `depth_change` (without cameras), `is_reflectance` (with albedo), `material_ids` (with albedo,
+    without ids), `demodulate`, `reproject` (with `consistency`), `light_change` (with `innovation`, without a replay),
+    `suppress_fireflies`, `temporal_gradient`, `accumulate`, `exposure` (with `by_light`), `regress`, `blend`,
+    `repetition`, `clip_history` and `restore_detail`, `innovation`, `remodulate`, and those of `TAA`, corrected as in
+    `SVGF`. From frame to frame the grid of blocks is offset by (0, 0), (4, 4), (2, 6), (6, 2), (1, 3), (5, 7), (3, 1)
+    and (7, 5) eighths of a block. Pixels with black albedo are not fitted: they emit light or show background. The
+    weight of the N-th fit is at least 1/N. Detail is restored with a strictness of 0.7. It comes from the accumulated
+    light of histories of at least 3.5 samples, clipped by ``clip_history(box="minmax", space="rgb", response="clamp")``
+    to the new samples, and its variance is ``(m2 - m1²) / N``. With `by_light`, what exceeds both fit and own new
+    sample is divided by ``(1 + x / 8)**2``: history beside a lamp contains some of it.
 
     References
     ----------
@@ -4816,6 +4818,7 @@ def is_reflectance(
     See Also
     --------
     demodulate : Takes the mask as `where`.
+    material_ids : Ids for frames without, by the mask.
 
     Notes
     -----
@@ -4829,8 +4832,7 @@ def is_reflectance(
     Without ids, a surface is a region of pixels that are connected through their neighbours in rows and columns. Two
     are connected if their normals differ by less than 26° (a cosine of 0.9) and their depths by less than a fiftieth of
     the smaller one. Without normals or depth there are no regions: where more than one pixel in 1024 is out of range,
-    the mask is False everywhere, as small highlights are enough to make albedo harm the whole image. In frames without
-    ids whose albedo is out of range, pipelines validate and filter by the mask as if it were ids.
+    the mask is False everywhere, as small highlights are enough to make albedo harm the whole image.
 
     Examples
     --------
@@ -4881,6 +4883,7 @@ def is_reflectance(
     See Also
     --------
     demodulate : Takes the mask as `where`.
+    material_ids : Ids for frames without, by the mask.
 
     Notes
     -----
@@ -4894,14 +4897,74 @@ def is_reflectance(
     Without ids, a surface is a region of pixels that are connected through their neighbours in rows and columns. Two
     are connected if their normals differ by less than 26° (a cosine of 0.9) and their depths by less than a fiftieth of
     the smaller one. Without normals or depth there are no regions: where more than one pixel in 1024 is out of range,
-    the mask is False everywhere, as small highlights are enough to make albedo harm the whole image. In frames without
-    ids whose albedo is out of range, pipelines validate and filter by the mask as if it were ids.
+    the mask is False everywhere, as small highlights are enough to make albedo harm the whole image.
 
     Examples
     --------
     >>> albedo = np.array([[[0.5] * 3, [0.0] * 3, [9.0] * 3, [0.2] * 3]])
     >>> yester.is_reflectance(albedo, np.array([[1, 1, 2, 2]]))
     array([[ True,  True, False, False]])
+    """
+
+def material_ids(
+    albedo: ArrayLike,
+    *,
+    normal: ArrayLike | None = None,
+    depth: ArrayLike | None = None,
+    out: NDArray[np.uint32] | None = None,
+) -> NDArray[np.uint32]:
+    """Tell kinds of material by albedo: ids for frames that have none.
+
+    Parameters
+    ----------
+    albedo : (H, W, 3) array_like of float
+        As a renderer writes it.
+    normal : (H, W, 3) array_like of float, optional
+        Unit vectors.
+    depth : (H, W) array_like of float, optional
+        View-space z, +inf where nothing was hit.
+    out : (H, W) uint32 array, optional
+        Written and returned instead of a new array.
+
+    Returns
+    -------
+    ids : (H, W) uint32
+        1 where the albedo is no reflectance (`is_reflectance`), 3 where it is white, at least 0.99 in all channels,
+        and 2 elsewhere. White counts as 2 in frames in which it is part of textures.
+
+    Raises
+    ------
+    ValueError
+        On wrong shapes.
+    TypeError
+        If `out` has another dtype.
+
+    See Also
+    --------
+    is_reflectance : Tells 1 from the others.
+
+    Notes
+    -----
+    White is how renderers mark glass and mirrors: nothing that scatters light reflects so much. What is seen there has
+    nothing to do with the light of the surfaces around, and should not be mixed with it.
+
+    White is part of textures if, of the pairs of neighbours along x and y of which one has 2 and the other 3, more than
+    an eighth as many as there are pixels of the rarer kind lie on one surface: their normals differ by less than 26
+    degrees, and their depths by less than 2 percent or not at all. Without normals, without depth, or without both,
+    what there is decides.
+
+    `SVGF`, `HalfRes` and `BMFR` validate and filter frames without ids by these.
+
+    Examples
+    --------
+    >>> albedo = np.full((16, 16, 3), 0.5)
+    >>> albedo[:, 12:] = 1
+    >>> depth = np.full((16, 16), 2.0)
+    >>> yester.material_ids(albedo, depth=depth)[0, [0, 12]]
+    array([2, 2], dtype=uint32)
+    >>> depth[:, 12:] = 3
+    >>> yester.material_ids(albedo, depth=depth)[0, [0, 12]]
+    array([2, 3], dtype=uint32)
     """
 
 def demodulate(

@@ -73,8 +73,8 @@ mod _core {
     use super::scatter::{pull_push_, recirculate_, splat_};
     #[pymodule_export]
     use super::smooth::{
-        atrous_, demodulate_, estimate_variance_, fix_history_, is_reflectance_, morphological_aa_,
-        remodulate_, restore_detail_, suppress_fireflies_,
+        atrous_, demodulate_, estimate_variance_, fix_history_, is_reflectance_, material_ids_,
+        morphological_aa_, remodulate_, restore_detail_, suppress_fireflies_,
     };
     #[pymodule_export]
     use super::upscale::{disocclusion_, resample_, sharpen_, thin_features_};

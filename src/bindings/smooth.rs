@@ -12,6 +12,7 @@ use crate::image::Size;
 use crate::kernels::fetch::validate::Surface;
 use crate::kernels::smooth::demodulate::{self, Texture, Way};
 use crate::kernels::smooth::guide::{Guide, Sigmas};
+use crate::kernels::smooth::material::Materials;
 use crate::kernels::smooth::reflectance::Surfaces;
 use crate::kernels::smooth::restore::{self, restore_detail};
 use crate::kernels::smooth::variance::{self, Estimate, estimate_variance};
@@ -755,6 +756,7 @@ fn bytes<'py>(mask: &Bound<'py, PyAny>, name: &str) -> PyResult<Bound<'py, PyAny
 /// See Also
 /// --------
 /// demodulate : Takes the mask as `where`.
+/// material_ids : Ids for frames without, by the mask.
 ///
 /// Notes
 /// -----
@@ -768,8 +770,7 @@ fn bytes<'py>(mask: &Bound<'py, PyAny>, name: &str) -> PyResult<Bound<'py, PyAny
 /// Without ids, a surface is a region of pixels that are connected through their neighbours in rows and columns. Two
 /// are connected if their normals differ by less than 26° (a cosine of 0.9) and their depths by less than a fiftieth of
 /// the smaller one. Without normals or depth there are no regions: where more than one pixel in 1024 is out of range,
-/// the mask is False everywhere, as small highlights are enough to make albedo harm the whole image. In frames without
-/// ids whose albedo is out of range, pipelines validate and filter by the mask as if it were ids.
+/// the mask is False everywhere, as small highlights are enough to make albedo harm the whole image.
 ///
 /// Examples
 /// --------
@@ -802,6 +803,83 @@ pub fn is_reflectance_<'py>(
         (mask, out)
     };
     Ok(Some(out.array(mask.array()?)?))
+}
+
+/// Tell kinds of material by albedo: ids for frames that have none.
+///
+/// Parameters
+/// ----------
+/// albedo : (H, W, 3) array_like of float
+///     As a renderer writes it.
+/// normal : (H, W, 3) array_like of float, optional
+///     Unit vectors.
+/// depth : (H, W) array_like of float, optional
+///     View-space z, +inf where nothing was hit.
+/// out : (H, W) uint32 array, optional
+///     Written and returned instead of a new array.
+///
+/// Returns
+/// -------
+/// ids : (H, W) uint32
+///     1 where the albedo is no reflectance (`is_reflectance`), 3 where it is white, at least 0.99 in all channels,
+///     and 2 elsewhere. White counts as 2 in frames in which it is part of textures.
+///
+/// Raises
+/// ------
+/// ValueError
+///     On wrong shapes.
+/// TypeError
+///     If `out` has another dtype.
+///
+/// See Also
+/// --------
+/// is_reflectance : Tells 1 from the others.
+///
+/// Notes
+/// -----
+/// White is how renderers mark glass and mirrors: nothing that scatters light reflects so much. What is seen there has
+/// nothing to do with the light of the surfaces around, and should not be mixed with it.
+///
+/// White is part of textures if, of the pairs of neighbours along x and y of which one has 2 and the other 3, more than
+/// an eighth as many as there are pixels of the rarer kind lie on one surface: their normals differ by less than 26
+/// degrees, and their depths by less than 2 percent or not at all. Without normals, without depth, or without both,
+/// what there is decides.
+///
+/// `SVGF`, `HalfRes` and `BMFR` validate and filter frames without ids by these.
+///
+/// Examples
+/// --------
+/// >>> albedo = np.full((16, 16, 3), 0.5)
+/// >>> albedo[:, 12:] = 1
+/// >>> depth = np.full((16, 16), 2.0)
+/// >>> yester.material_ids(albedo, depth=depth)[0, [0, 12]]
+/// array([2, 2], dtype=uint32)
+/// >>> depth[:, 12:] = 3
+/// >>> yester.material_ids(albedo, depth=depth)[0, [0, 12]]
+/// array([2, 3], dtype=uint32)
+#[pyfunction]
+#[pyo3(signature = (albedo, *, normal=None, depth=None, out=None), name = "material_ids")]
+pub fn material_ids_<'py>(
+    py: Python<'py>,
+    albedo: &Bound<'py, PyAny>,
+    normal: Option<&Bound<'py, PyAny>>,
+    depth: Option<&Bound<'py, PyAny>>,
+    out: Option<Bound<'py, PyAny>>,
+) -> PyResult<Bound<'py, PyArrayDyn<u32>>> {
+    let ids = {
+        let albedo = Input::<f32>::new(albedo, "albedo", COLOR)?;
+        let size = albedo.size();
+        let guide = GuideArgs::new(size, depth, normal, None)?;
+        let shape = [size.height, size.width];
+        let out = Out::<u32>::given(out, &shape)?;
+        let (albedo, guide) = (albedo.pixels(), guide.surface());
+        out.fill(py, &shape, |ids| {
+            let surfaces = Surfaces::of(albedo, &guide);
+            let materials = Materials::of(albedo, surfaces.as_ref(), &guide);
+            ids.copy_from_slice(materials.counted().plane(0));
+        })?
+    };
+    ids.array()
 }
 
 /// Divide colour by albedo, so that filters see illumination without texture.

@@ -1,40 +1,35 @@
-//! Ids that stand in for those that a frame lacks, so that light that is divided by albedo is not mixed with light that is not.
+//! Ids that stand in for those that a frame lacks: the kinds of material that its albedo tells
+//! ([`material`](crate::kernels::smooth::material)).
 //!
-//! They say where the albedo is a reflectance ([`as_ids`]). Where that is the same for all pixels of a frame and of the one
-//! before, there is nothing to tell apart.
+//! They keep light that is divided by albedo from light that is not, whose numbers have another meaning, and what is seen
+//! through glass or in mirrors from the light of surfaces.
 
 use super::frame::Frame;
 use super::recall::Memory;
 use crate::image::Image;
 use crate::kernels::fetch::validate::Surface;
-use crate::kernels::smooth::reflectance::{Surfaces, Told, as_ids};
+use crate::kernels::smooth::material::Materials;
+use crate::kernels::smooth::reflectance::Surfaces;
 
-/// The ids, if any are needed. The frame before gets its own if it lacks them.
+/// The materials of a frame without ids. The frame before forgets ids of another kind.
 pub fn stand_in(
     frame: &Frame,
-    now: Option<&Surfaces>,
-    memory: Option<&mut Memory>,
-) -> Option<Image<u32>> {
-    if frame.surface.ids.is_some() || frame.albedo.is_none() {
-        return None;
+    surfaces: Option<&Surfaces>,
+    mut memory: Option<&mut Memory>,
+) -> Option<Materials> {
+    let albedo = frame.albedo?;
+    let own = frame.surface.ids.is_some();
+    if let Some(memory) = &mut memory {
+        memory.forget_ids_unless(own);
     }
-    let told = |surfaces: Option<&Surfaces>| surfaces.map(|surfaces| surfaces.told);
-    let mixed = told(now) == Some(Told::ByRegions);
-    match memory {
-        Some(memory) => {
-            let before = told(memory.surfaces());
-            if before == Some(Told::ByIds) || before == told(now) && !mixed {
-                return None;
-            }
-            memory.tell_apart();
-        }
-        None if !mixed => return None,
-        None => {}
+    let materials = (!own).then(|| Materials::of(albedo, surfaces, &frame.surface))?;
+    if let Some(memory) = memory.filter(|_| !materials.white_counts()) {
+        memory.merge_white();
     }
-    Some(as_ids(now, frame.color.size))
+    Some(materials)
 }
 
-/// A frame whose surfaces are told apart by these ids, if there are any.
+/// A frame whose surfaces are told apart by what stands in for its ids, if anything does.
 pub fn told_apart<'a>(frame: &Frame<'a>, ids: Option<&'a Image<u32>>) -> Frame<'a> {
     let surface = Surface {
         ids: ids.map(Image::pixels).or(frame.surface.ids),

@@ -31,6 +31,7 @@ use crate::kernels::judge::{gradient, innovation};
 use crate::kernels::merge::accumulate::{self, Images, Samples, accumulate};
 use crate::kernels::smooth::demodulate::{Texture, Way};
 use crate::kernels::smooth::guide::Guide;
+use crate::kernels::smooth::material::Materials;
 use crate::kernels::smooth::reflectance::Surfaces;
 use crate::kernels::smooth::regress::{self, Features, Place};
 use crate::kernels::smooth::restore;
@@ -165,7 +166,7 @@ impl Steps for Bmfr {
         let first = memory.is_none();
         let surfaces = surfaces(frame);
         let apart = stand_in(frame, surfaces.as_ref(), memory.as_mut());
-        let frame = &told_apart(frame, apart.as_ref());
+        let frame = &told_apart(frame, apart.as_ref().map(Materials::counted));
         (memory.iter_mut()).for_each(|memory| memory.reject_changed(surfaces.as_ref()));
         let inputs = Inputs::new(frame, surfaces.as_ref(), memory.as_ref());
         let Inputs {
@@ -237,11 +238,12 @@ impl Steps for Bmfr {
         }
         (output.history_length).copy_from_slice(history.plane(LENGTH.start));
 
-        let kept = Records::of(history.view());
+        let left = Records::of(history.view());
+        let kept = told_apart(frame, apart.as_ref().map(|materials| &materials.all));
         let mut used = inputs.used;
         used.retain(|&name| name != "ids" || apart.is_none());
         self.state = Some(State {
-            memory: Memory::new(frame, surfaces, kept, &params.history, first),
+            memory: Memory::new(&kept, surfaces, left, &params.history, first),
             evidence,
             noise,
             age: age + 1,

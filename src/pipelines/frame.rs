@@ -170,16 +170,13 @@ impl SurfaceRecords {
         }
     }
 
-    /// Adds ids where there are none.
-    pub fn add_ids(&mut self, ids: Pixels<u32>) {
-        self.ids.get_or_insert_with(|| ids.to_records());
+    /// No ids if there are none.
+    pub fn ids_mut(&mut self) -> &mut [u32] {
+        self.ids.as_mut().map_or(&mut [], Records::data_mut)
     }
 
-    /// Gives the pixels that have one of these ids another one.
-    pub fn replace_ids(&mut self, replaced: &[u32], by: u32) {
-        for id in self.ids.iter_mut().flat_map(Records::data_mut) {
-            *id = if replaced.contains(id) { by } else { *id };
-        }
+    pub fn forget_ids(&mut self) {
+        self.ids = None;
     }
 
     pub fn surface(&self) -> Surface<'_> {

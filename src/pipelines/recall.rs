@@ -21,7 +21,8 @@ use crate::kernels::judge::gradient::find_gradient;
 use crate::kernels::judge::light_change::light_change;
 use crate::kernels::smooth::demodulate::Texture;
 use crate::kernels::smooth::guide::Coarse;
-use crate::kernels::smooth::reflectance::{Surfaces, as_ids};
+use crate::kernels::smooth::material::merge_white;
+use crate::kernels::smooth::reflectance::Surfaces;
 use crate::tiles::Tiles;
 
 const BILINEAR: reproject::Params = reproject::Params {
@@ -81,19 +82,26 @@ impl Memory {
             return;
         };
         let changed = now.changed(before);
-        if !changed.is_empty() {
-            self.surface.replace_ids(&changed, now.unused());
+        if changed.is_empty() {
+            return;
+        }
+        let unused = now.unused();
+        for id in self.surface.ids_mut() {
+            *id = if changed.contains(id) { unused } else { *id };
         }
     }
 
-    pub fn surfaces(&self) -> Option<&Surfaces> {
-        self.surfaces.as_ref()
+    /// Forgets ids that are the renderer's, or that are not.
+    pub fn forget_ids_unless(&mut self, own: bool) {
+        let had_own = (self.surfaces.as_ref()).is_some_and(|surfaces| surfaces.by_ids);
+        if had_own != own {
+            self.surface.forget_ids();
+        }
     }
 
-    /// Tells surfaces apart by whether their albedo is a reflectance, if the frame had no ids.
-    pub fn tell_apart(&mut self) {
-        let ids = as_ids(self.surfaces(), self.history.size);
-        self.surface.add_ids(ids.pixels());
+    /// Takes white for a kind of material no more, where kinds stand in for ids.
+    pub fn merge_white(&mut self) {
+        merge_white(self.surface.ids_mut());
     }
 
     /// Multiplies all light by a factor.

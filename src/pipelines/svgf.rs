@@ -45,6 +45,7 @@ use crate::kernels::judge::innovation::Innovation;
 use crate::kernels::merge::accumulate;
 use crate::kernels::smooth::demodulate::Texture;
 use crate::kernels::smooth::guide::{Coarse, Guide};
+use crate::kernels::smooth::material::Materials;
 use crate::pixels::Colors;
 
 /// What goes from frame to frame, beside the history of the output stage.
@@ -217,7 +218,7 @@ impl Svgf {
             surfaces.as_ref(),
             past.as_mut().map(|past| &mut past.memory),
         );
-        let frame = &told_apart(frame, apart.as_ref());
+        let frame = &told_apart(frame, apart.as_ref().map(Materials::counted));
         (past.iter_mut()).for_each(|past| past.memory.reject_changed(surfaces.as_ref()));
         let texture = texture(frame, surfaces.as_ref());
         let asks = self.params.looks_around() || !matches!(task, Task::Show(_, None));
@@ -261,7 +262,8 @@ impl Svgf {
         let missing = left.missing;
         used.extend(left.used);
         used.retain(|&name| name != "ids" || apart.is_none());
-        let mut memory = Memory::new(frame, surfaces, left.history, &params.history, first);
+        let kept = told_apart(frame, apart.as_ref().map(|materials| &materials.all));
+        let mut memory = Memory::new(&kept, surfaces, left.history, &params.history, first);
         memory.reflections = left.reflections;
         self.state = Some(State {
             memory,

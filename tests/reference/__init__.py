@@ -17,7 +17,7 @@ from .collocation import collocate, collocation_shares
 from .combine import combine_histories
 from .consistency import consistency
 from .converge import converge
-from .demodulate import demodulate, is_reflectance, remodulate
+from .demodulate import demodulate, is_reflectance, material_ids, remodulate
 from .depth_change import depth_change
 from .dilate import dilate_motion
 from .disocclusion import disocclusion
@@ -92,6 +92,7 @@ __all__ = [
     "joint_bilateral_upsample",
     "light_change",
     "luminance",
+    "material_ids",
     "morphological_aa",
     "motion_vectors",
     "prediction_gain",

@@ -13,17 +13,27 @@ def _others(most: Tensor) -> Tensor:
     return (most > high) | (most > 0) & (most < faint)  # (H, W)
 
 
+NEIGHBORS = ((np.s_[1:], np.s_[:-1]), (np.s_[:, 1:], np.s_[:, :-1]))
+
+
+def connected(a: tuple, b: tuple, normal: Tensor | None, depth: Tensor | None) -> Tensor | bool:
+    """Whether neighbours are as near and face the same way."""
+    joined: Tensor | bool = True
+    if normal is not None:
+        angle = torch.tensor(0.2, dtype=torch.float32).to(normal)
+        joined = (normal[a] - normal[b]).square().sum(-1) < angle
+    if depth is not None:
+        share = torch.tensor(0.02, dtype=torch.float32).to(depth)
+        apart = (depth[a] - depth[b]).abs()
+        joined = joined & ((depth[a] == depth[b]) | (apart < share * torch.minimum(depth[a], depth[b])))
+    return joined
+
+
 def regions(normal: Tensor, depth: Tensor) -> Tensor:
     """Label (H, W) of each region: the first of the pixels that are connected by similar neighbours."""
     height, width = depth.shape
     labels = torch.arange(height * width).reshape(height, width)  # (H, W)
-    angle, share = (torch.tensor(limit, dtype=torch.float32).to(depth) for limit in (0.2, 0.02))
-    pairs = []
-    for a, b in ((np.s_[1:], np.s_[:-1]), (np.s_[:, 1:], np.s_[:, :-1])):
-        turned = (normal[a] - normal[b]).square().sum(-1)
-        apart = (depth[a] - depth[b]).abs()
-        beside = (depth[a] == depth[b]) | (apart < share * torch.minimum(depth[a], depth[b]))
-        pairs.append((a, b, (turned < angle) & beside))
+    pairs = [(a, b, connected(a, b, normal, depth)) for a, b in NEIGHBORS]
     while True:
         before = labels.clone()
         for a, b, joined in pairs:
@@ -53,6 +63,27 @@ def is_reflectance(
     brightest = torch.zeros(len(known)).to(most).scatter_reduce(0, index.flatten(), most.flatten(), "amax")  # (N,)
     others, pixels = (torch.bincount(index.flatten(), each, len(known)) for each in (others, None))  # (N,) each
     return ((brightest >= torch.tensor(LOW, dtype=torch.float32).to(most)) & (64 * others <= pixels))[index]  # (H, W)
+
+
+def materials(albedo: Tensor, normal: Tensor | None = None, depth: Tensor | None = None) -> Tensor:
+    """Kind of material (H, W): 1 where the albedo is no reflectance, 3 where it is white, else 2."""
+    white = (albedo >= torch.tensor(0.99, dtype=torch.float32).to(albedo)).all(-1)  # (H, W)
+    mask = is_reflectance(albedo, normal=normal, depth=depth)
+    kinds = white.long() + 2  # (H, W)
+    return kinds if mask is None else kinds.where(mask, 1)
+
+
+def is_textured(kinds: Tensor, *, normal: Tensor | None = None, depth: Tensor | None = None) -> bool:
+    """Whether white ends within surfaces, for more than an eighth as many pairs of neighbours as it has pixels."""
+    rarer = min((kinds == 2).sum(), (kinds == 3).sum())
+    split = (((kinds[a] + kinds[b] == 5) & connected(a, b, normal, depth)).sum() for a, b in NEIGHBORS)
+    return bool(8 * sum(split) > rarer)
+
+
+def material_ids(albedo: Tensor, **surface: Tensor | None) -> Tensor:
+    """Ids (H, W) of the kinds of material; white is one where it is no texture."""
+    kinds = materials(albedo, **surface)
+    return kinds.clamp(max=2) if is_textured(kinds, **surface) else kinds
 
 
 def divisor(albedo: Tensor, where: Tensor | None) -> Tensor:

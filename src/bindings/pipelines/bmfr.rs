@@ -67,16 +67,16 @@ use crate::pipelines::{bmfr, history};
 /// Notes
 /// -----
 /// The method is that of Koskela et al. [1]_. Each step consists of this package's functions and gives their bits:
-/// `motion_vectors`, `depth_change` (without cameras), `is_reflectance` (with albedo), `demodulate`, `reproject`
-/// (with `consistency`), `light_change` (with `innovation`, without a replay), `suppress_fireflies`,
-/// `temporal_gradient`, `accumulate`, `exposure` (with `by_light`), `regress`, `blend`, `repetition`, `clip_history`
-/// and `restore_detail`, `innovation`, `remodulate`, and those of `TAA`, corrected as in `SVGF`. From frame to frame
-/// the grid of blocks is offset by (0, 0), (4, 4), (2, 6), (6, 2), (1, 3), (5, 7), (3, 1) and (7, 5) eighths of a
-/// block. Pixels with black albedo are not fitted: they emit light or show background. The weight of the N-th fit is
-/// at least 1/N. Detail is restored with a strictness of 0.7. It comes from the accumulated light of histories of at
-/// least 3.5 samples, clipped by ``clip_history(box="minmax", space="rgb", response="clamp")`` to the new samples, and
-/// its variance is ``(m2 - m1²) / N``. With `by_light`, what exceeds both fit and own new sample is divided by ``(1 +
-/// x / 8)**2``: history beside a lamp contains some of it.
+/// `motion_vectors`, `depth_change` (without cameras), `is_reflectance` (with albedo), `material_ids` (with albedo,
+/// without ids), `demodulate`, `reproject` (with `consistency`), `light_change` (with `innovation`, without a replay),
+/// `suppress_fireflies`, `temporal_gradient`, `accumulate`, `exposure` (with `by_light`), `regress`, `blend`,
+/// `repetition`, `clip_history` and `restore_detail`, `innovation`, `remodulate`, and those of `TAA`, corrected as in
+/// `SVGF`. From frame to frame the grid of blocks is offset by (0, 0), (4, 4), (2, 6), (6, 2), (1, 3), (5, 7), (3, 1)
+/// and (7, 5) eighths of a block. Pixels with black albedo are not fitted: they emit light or show background. The
+/// weight of the N-th fit is at least 1/N. Detail is restored with a strictness of 0.7. It comes from the accumulated
+/// light of histories of at least 3.5 samples, clipped by ``clip_history(box="minmax", space="rgb", response="clamp")``
+/// to the new samples, and its variance is ``(m2 - m1²) / N``. With `by_light`, what exceeds both fit and own new
+/// sample is divided by ``(1 + x / 8)**2``: history beside a lamp contains some of it.
 ///
 /// References
 /// ----------

@@ -21,10 +21,10 @@
 //! by depth and by motion.
 
 use std::ops::Range;
-use std::sync::atomic::{AtomicU32, Ordering};
 
 use crate::image::{BandMut, Image, Pixels, Run, Size, View};
 use crate::math::{distance, dot, smaller};
+use crate::pairs;
 use crate::rows::{self, Kernel, Simd};
 use crate::tiles::Tiles;
 
@@ -199,40 +199,8 @@ pub fn is_erratic(motion: Pixels) -> bool {
 /// Whether more than [`THIN`] of the pairs of neighbours differ.
 fn differ(size: Size, pair: impl Fn(usize, usize) -> bool + Sync) -> bool {
     let Size { height, width } = size;
-    let count = AtomicU32::new(0);
-    let pairs = Pairs {
-        width,
-        differ: pair,
-        count: &count,
-    };
-    rows::run(&pairs, height, rows::bands(height).map(|_| ()));
     let all = height * (width - 1) + (height - 1) * width;
-    count.into_inner() as f32 > THIN * all as f32
-}
-
-/// Counts the pairs of neighbours, by index, that differ.
-struct Pairs<'a, F> {
-    width: usize,
-    differ: F,
-    count: &'a AtomicU32,
-}
-
-impl<F: Fn(usize, usize) -> bool + Sync> Kernel for Pairs<'_, F> {
-    type Out = ();
-
-    #[inline(always)]
-    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, (): ()) {
-        let width = self.width;
-        let mut count = 0;
-        for y in rows {
-            for pixel in y * width..(y + 1) * width {
-                let beside = pixel > y * width && (self.differ)(pixel - 1, pixel);
-                let above = y > 0 && (self.differ)(pixel - width, pixel);
-                count += u32::from(beside) + u32::from(above);
-            }
-        }
-        self.count.fetch_add(count, Ordering::Relaxed);
-    }
+    pairs::count(size, pair) as f32 > THIN * all as f32
 }
 
 /// What tells surfaces apart in incoherent tiles, beside depth. Without a mask of those whose albedo is a reflectance, all are.

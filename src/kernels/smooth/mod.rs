@@ -8,6 +8,7 @@ pub mod guide;
 pub mod history_fix;
 pub mod joint_bilateral;
 pub mod lend;
+pub mod material;
 pub mod morphological;
 pub mod reflectance;
 pub(crate) mod regions;

@@ -24,7 +24,7 @@ use std::collections::HashMap;
 use std::ops::Range;
 
 use super::regions::regions;
-use crate::image::{BandMut, Image, Pixels, SEGMENT, Size, View, segments};
+use crate::image::{BandMut, Image, Pixels, SEGMENT, View, segments};
 use crate::kernels::fetch::validate::Surface;
 use crate::lanes::LANES;
 use crate::math::larger;
@@ -64,25 +64,14 @@ impl Kind {
     }
 }
 
-/// What tells the surfaces of a frame apart.
-#[derive(Clone, Copy, PartialEq, Eq)]
-pub enum Told {
-    /// The renderer's ids.
-    ByIds,
-    /// Connected pixels.
-    ByRegions,
-    /// None of them has a reflectance.
-    Nowhere,
-}
-
 /// The surfaces of a frame, and whether their albedo is a reflectance.
 pub struct Surfaces {
     /// By id.
     reflecting: HashMap<u32, bool>,
     /// 1 where the pixel's surface is one of them, 0 elsewhere.
     mask: Image<u8>,
-    /// What told them apart.
-    pub told: Told,
+    /// Whether the renderer's ids told them apart.
+    pub by_ids: bool,
 }
 
 impl Surfaces {
@@ -111,11 +100,11 @@ impl Surfaces {
         Some(match surface.normal.zip(surface.depth) {
             Some((normal, depth)) => Self {
                 reflecting: HashMap::new(),
-                told: Told::ByRegions,
+                by_ids: false,
                 ..Self::new(albedo, regions(normal, depth).pixels())
             },
             None => Self {
-                told: Told::Nowhere,
+                by_ids: false,
                 ..Self::marked(whole.pixels(), [(0, false)].into())
             },
         })
@@ -131,7 +120,7 @@ impl Surfaces {
         Self {
             reflecting,
             mask,
-            told: Told::ByIds,
+            by_ids: true,
         }
     }
 
@@ -157,20 +146,6 @@ impl Surfaces {
             .find(free)
             .expect("an image has fewer pixels")
     }
-}
-
-/// Ids for a frame without: 1 where the albedo is no reflectance, 2 elsewhere. 0 would be background.
-pub fn as_ids(surfaces: Option<&Surfaces>, size: Size) -> Image<u32> {
-    let mut ids = Image::blank(size, 1);
-    match surfaces {
-        Some(surfaces) => {
-            for (id, mask) in ids.data_mut().iter_mut().zip(surfaces.mask().plane(0)) {
-                *id = 1 + u32::from(*mask);
-            }
-        }
-        None => ids.data_mut().fill(2),
-    }
-    ids
 }
 
 /// What decides for each surface.

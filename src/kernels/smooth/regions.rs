@@ -63,14 +63,25 @@ struct Joints<'a> {
     depth: Pixels<'a>,
 }
 
+/// Whether two pixels have much the same normal.
+#[inline(always)]
+pub fn faces_alike(normal: Pixels, a: usize, b: usize) -> bool {
+    let [a, b] = [a, b].map(|pixel| normal.vector(pixel));
+    let [x, y, z] = [0, 1, 2].map(|channel| a[channel] - b[channel]);
+    x * x + y * y + z * z < TURNED
+}
+
+/// Whether one of two pixels is as far away as the other.
+#[inline(always)]
+pub fn beside(depth: Pixels, a: usize, b: usize) -> bool {
+    let [near, far] = [a, b].map(|pixel| depth.at(pixel, 0));
+    (near == far) | ((near - far).abs() < APART * near.min(far))
+}
+
 impl Joints<'_> {
     #[inline(always)]
     fn connects(&self, a: usize, b: usize) -> bool {
-        let normals = [a, b].map(|pixel| self.normal.vector(pixel));
-        let [x, y, z] = [0, 1, 2].map(|channel| normals[0][channel] - normals[1][channel]);
-        let [near, far] = [a, b].map(|pixel| self.depth.at(pixel, 0));
-        let beside = (near == far) | ((near - far).abs() < APART * near.min(far));
-        (x * x + y * y + z * z < TURNED) & beside
+        faces_alike(self.normal, a, b) & beside(self.depth, a, b)
     }
 }
 

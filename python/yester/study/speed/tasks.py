@@ -309,6 +309,7 @@ TASKS = (
     ),
     Task("incoherent_guides", "incoherent_guides", _named("normal", "ids", "confidence")),
     Task("is_reflectance", "is_reflectance", _named("albedo", "ids")),
+    Task("material_ids", "material_ids", _named("albedo", "normal", "depth")),
     Task("demodulate", "demodulate", _named("color", "albedo")),
     Task("remodulate", "remodulate", _named("albedo", illumination="color")),
     Task("regress, fewest", "regress", _named("color", "normal", "camera", geometry="depth")),
