@@ -1052,7 +1052,7 @@ class BMFR:
         alpha=0.05,
         fitted_alpha=0.1,
         block=None,
-        by_light=None,
+        by_light=True,
         features="fewest",
         restore=True,
         relative_depth=0.1,
@@ -1083,9 +1083,7 @@ class BMFR:
     def step(self, frame: yester.Frame) -> SimpleNamespace:
         frame, self.before = told_apart(frame, self.before)
         shape = frame.color.shape[:2]
-        sample, weight = illumination(frame.color, frame), None
-        if frame.albedo is not None:
-            weight = np.where((frame.albedo > 1 / 1024).any(-1), np.float32(1), np.float32(np.nan))
+        sample = illumination(frame.color, frame)
         motion, still, gradient = find_motion(frame, self.before), find_still(frame, self.before), None
         self.repeats = (self.antialias or self.restore) and self.noise.repeats(sample, motion)
         if self.before is None:
@@ -1119,11 +1117,15 @@ class BMFR:
         geometry = frame.depth if frame.position is None else frame.position
         if frame.position is None and frame.camera is None:
             geometry = None
-        self.trust = None
-        tells_lamps = frame.albedo is not None and frame.emission is not None
-        if self.by_light or (self.by_light is None and not tells_lamps):
-            self.trust = by_light(color, textured=frame.albedo is not None)
-            weight = self.trust if weight is None else self.trust * weight
+        self.trust = by_light(color, textured=frame.albedo is not None) if self.by_light else None
+        weight = self.trust
+        if frame.albedo is not None:
+            first, second = moments[..., 0], moments[..., 1]
+            shines = ~(second - first * first > np.float32(0.01) * (first * first))
+            if frame.emission is not None:
+                shines |= (frame.emission > 0).any(-1)
+            shines &= (frame.albedo <= 1 / 1024).all(-1)
+            weight = np.where(shines, np.float32(np.nan), np.float32(1) if weight is None else weight)
         block = self.block or (8 if frame.albedo is None else 16)
         fitted, _ = yester.regress(
             color,

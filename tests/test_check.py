@@ -44,7 +44,8 @@ def test_planted_mistakes_are_named(mistake):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("seed", [1, 2])
 def test_no_mistake_is_found_without_one(seed):
     """Of noise far above the light, too."""
     for mistake in MISTAKES:

@@ -286,6 +286,7 @@ def test_denoise_improves_a_scene_in_motion(tmp_path):
     assert np.mean((denoised - shot.color) ** 2) < 0.1 * np.mean((noisy - shot.color) ** 2)
 
 
+@pytest.mark.long
 def test_memory_does_not_grow_with_the_sequence(tmp_path):
     """Holding eight more frames of 10 MB each would show."""
     (tmp_path / "noisy").mkdir()

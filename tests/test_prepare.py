@@ -868,7 +868,7 @@ def under_way(folder: Path) -> bool:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("jobs", [1, 2])
+@pytest.mark.parametrize("jobs", [1, pytest.param(2, marks=pytest.mark.long)])
 def test_it_goes_on_after_kill_9(long, tmp_path, jobs):
     inputs, want = long
     out = tmp_path / "out"

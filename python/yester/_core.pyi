@@ -943,11 +943,11 @@ class BMFR(Pipeline):
     block : int, optional
         Side of the blocks in pixels, 4 to 256. By default 16, and 8 in frames without albedo, whose texture no feature
         tells. The paper has 32, for images of 1280×720.
-    by_light : bool, optional
-        Give pixels less weight in a fit where light is bright: ``1 / (1 + x)**2`` with ``x = l / 2e`` without albedo
-        and ``x = (l / 16e)**2`` with it, l being the mean luminance of the accumulated light over 3×3 pixels and e its
-        `exposure`. By default in frames without albedo or emission, where lamps are fitted together with the dark
-        around them. The differences by which new samples correct the output have the same weights.
+    by_light : bool, default True
+        Give pixels less weight in a fit where light is bright, as of lamps and highlights: ``1 / (1 + x)**2`` with ``x
+        = l / 2e`` without albedo and ``x = (l / 16e)**2`` with it, l being the mean luminance of the accumulated light
+        over 3×3 pixels and e its `exposure`. The differences by which new samples correct the output have the same
+        weights.
     features : {"fewest", "all"}, default "fewest"
         As in `regress`.
     restore : bool, default True
@@ -988,11 +988,12 @@ class BMFR(Pipeline):
     `suppress_fireflies`, `temporal_gradient`, `accumulate`, `exposure` (with `by_light`), `regress`, `blend`,
     `repetition`, `clip_history` and `restore_detail`, `innovation`, `remodulate`, and those of `TAA`, corrected as in
     `SVGF`. From frame to frame the grid of blocks is offset by (0, 0), (4, 4), (2, 6), (6, 2), (1, 3), (5, 7), (3, 1)
-    and (7, 5) eighths of a block. Pixels with black albedo are not fitted: they emit light or show background. The
-    weight of the N-th fit is at least 1/N. Detail is restored with a strictness of 0.7. It comes from the accumulated
-    light of histories of at least 3.5 samples, clipped by ``clip_history(box="minmax", space="rgb", response="clamp")``
-    to the new samples, and its variance is ``(m2 - m1²) / N``. With `by_light`, what exceeds both fit and own new
-    sample is divided by ``(1 + x / 8)**2``: history beside a lamp contains some of it.
+    and (7, 5) eighths of a block. Pixels with black albedo are not fitted if they have emission, or if their light has
+    no noise (``m2 - m1² <= 0.01 m1²``), as lamps and background. The weight of the N-th fit is at least 1/N. Detail is
+    restored with a strictness of 0.7. It comes from the accumulated light of histories of at least 3.5 samples, clipped
+    by ``clip_history(box="minmax", space="rgb", response="clamp")`` to the new samples, and its variance is ``(m2 -
+    m1²) / N``. With `by_light`, what exceeds both fit and own new sample is divided by ``(1 + x / 8)**2``: history
+    beside a lamp contains some of it.
 
     References
     ----------
@@ -1018,7 +1019,7 @@ class BMFR(Pipeline):
         alpha: float = 0.05,
         fitted_alpha: float = 0.1,
         block: int | None = None,
-        by_light: bool | None = None,
+        by_light: bool = True,
         features: Literal["fewest", "all"] = "fewest",
         restore: bool = True,
         relative_depth: _Threshold = 0.1,

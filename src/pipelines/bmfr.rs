@@ -45,9 +45,8 @@ pub struct Params {
     /// Side of the blocks in pixels; 4 to 256. `None` stands for 16, and for 8 in frames without albedo, whose light has
     /// texture that no feature describes.
     pub block: Option<usize>,
-    /// Whether bright light weighs less in a fit, and in what new samples correct. `None` stands for frames without albedo or
-    /// emission, in which lamps are fitted together with the dark around them.
-    pub by_light: Option<bool>,
+    /// Whether bright light weighs less in a fit, and in what new samples correct; true.
+    pub by_light: bool,
     /// How many features each block is fitted to.
     pub features: regress::Choice,
     /// What detail the fits get back from the accumulated light before they are shown.
@@ -76,7 +75,7 @@ impl Default for Params {
                 ..history::Params::plain()
             },
             block: None,
-            by_light: None,
+            by_light: true,
             features: regress::Choice::Fewest,
             restore: Some(restore::Params {
                 strictness: 0.7,
@@ -179,11 +178,10 @@ impl Steps for Bmfr {
         let light = history.pixels().part(LIGHT);
         let bright = exposure(light);
         let textured = frame.albedo.is_some();
-        let tells_lamps = textured && frame.emission.is_some();
-        let trust =
-            (params.by_light.unwrap_or(!tells_lamps)).then(|| by_light(light, bright, textured));
+        let trust = (params.by_light).then(|| by_light(light, bright, textured));
         let trust = trust.as_ref().map(Image::view);
-        let reflecting = (frame.albedo).map(|albedo| without_emitters(albedo, trust));
+        let reflecting =
+            (frame.albedo).map(|albedo| without_emitters(albedo, frame.emission, &history, trust));
         let weight = reflecting.as_ref().map(Image::view).or(trust);
         let fit = fit(
             light,

@@ -33,7 +33,7 @@ def by_light(color: Tensor, *, textured: bool) -> Tensor:
 class BMFR(SVGF):
     """Block-wise multi-order feature regression (Koskela et al. 2019), composed of the references."""
 
-    def __init__(self, *, fitted_alpha=0.1, block=None, by_light=None, features="fewest", restore=True, **named):
+    def __init__(self, *, fitted_alpha=0.1, block=None, by_light=True, features="fewest", restore=True, **named):
         super().__init__(**{"alpha": 0.05, **named})
         self.fitted_alpha, self.features, self.restore = fitted_alpha, features, restore
         self.block, self.by_light = block, by_light
@@ -43,11 +43,10 @@ class BMFR(SVGF):
         return frame.depth
 
     def step(self, frame) -> Output:
-        light, weight = frame.color, None  # (H, W, 3), (H, W)
+        light = frame.color  # (H, W, 3)
         emission = frame.emission if frame.albedo is not None else None  # (H, W, 3)
         if frame.albedo is not None:
             light = demodulate(light, **texture_of(frame), emission=emission)  # (H, W, 3)
-            weight = torch.where((frame.albedo > 1 / 1024).any(-1), 1.0, torch.nan).to(light)  # (H, W)
         motion, gradient = find_motion(frame, self.previous), None  # (H, W, 2|3)
         still = find_still(frame, self.previous)  # (H, W, 3)
         self.repeats = (self.antialias or self.restore) and self.noise.repeats(light, motion)
@@ -82,11 +81,15 @@ class BMFR(SVGF):
         if geometry is None and frame.camera is not None:
             geometry = frame.depth  # (H, W)
         x, y = OFFSETS[self.age % len(OFFSETS)]
-        bright = None
-        tells_lamps = frame.albedo is not None and frame.emission is not None
-        if self.by_light or (self.by_light is None and not tells_lamps):
-            bright = by_light(color, textured=frame.albedo is not None)  # (H, W)
-            weight = bright if weight is None else bright * weight  # (H, W)
+        bright = by_light(color, textured=frame.albedo is not None) if self.by_light else None  # (H, W)
+        weight = bright  # (H, W)
+        if frame.albedo is not None:
+            square = moments[..., 0] ** 2  # (H, W)
+            noisy = moments[..., 1] - square > 0.01 * square  # (H, W)
+            if emission is not None:
+                noisy &= ~(emission > 0).any(-1)
+            fitted = noisy | (frame.albedo > 1 / 1024).any(-1)  # (H, W)
+            weight = (torch.ones_like(length) if bright is None else bright).where(fitted, torch.nan)  # (H, W)
         side = self.block or (8 if frame.albedo is None else 16)
         blocks = {"block": side, "offset": (x * side // 8, y * side // 8), "features": self.features}
         surface = {"normal": frame.normal, "geometry": geometry, "camera": frame.camera, "weight": weight}

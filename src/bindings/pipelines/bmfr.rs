@@ -27,11 +27,11 @@ use crate::pipelines::{bmfr, history};
 /// block : int, optional
 ///     Side of the blocks in pixels, 4 to 256. By default 16, and 8 in frames without albedo, whose texture no feature
 ///     tells. The paper has 32, for images of 1280×720.
-/// by_light : bool, optional
-///     Give pixels less weight in a fit where light is bright: ``1 / (1 + x)**2`` with ``x = l / 2e`` without albedo
-///     and ``x = (l / 16e)**2`` with it, l being the mean luminance of the accumulated light over 3×3 pixels and e its
-///     `exposure`. By default in frames without albedo or emission, where lamps are fitted together with the dark
-///     around them. The differences by which new samples correct the output have the same weights.
+/// by_light : bool, default True
+///     Give pixels less weight in a fit where light is bright, as of lamps and highlights: ``1 / (1 + x)**2`` with ``x
+///     = l / 2e`` without albedo and ``x = (l / 16e)**2`` with it, l being the mean luminance of the accumulated light
+///     over 3×3 pixels and e its `exposure`. The differences by which new samples correct the output have the same
+///     weights.
 /// features : {"fewest", "all"}, default "fewest"
 ///     As in `regress`.
 /// restore : bool, default True
@@ -72,11 +72,12 @@ use crate::pipelines::{bmfr, history};
 /// `suppress_fireflies`, `temporal_gradient`, `accumulate`, `exposure` (with `by_light`), `regress`, `blend`,
 /// `repetition`, `clip_history` and `restore_detail`, `innovation`, `remodulate`, and those of `TAA`, corrected as in
 /// `SVGF`. From frame to frame the grid of blocks is offset by (0, 0), (4, 4), (2, 6), (6, 2), (1, 3), (5, 7), (3, 1)
-/// and (7, 5) eighths of a block. Pixels with black albedo are not fitted: they emit light or show background. The
-/// weight of the N-th fit is at least 1/N. Detail is restored with a strictness of 0.7. It comes from the accumulated
-/// light of histories of at least 3.5 samples, clipped by ``clip_history(box="minmax", space="rgb", response="clamp")``
-/// to the new samples, and its variance is ``(m2 - m1²) / N``. With `by_light`, what exceeds both fit and own new
-/// sample is divided by ``(1 + x / 8)**2``: history beside a lamp contains some of it.
+/// and (7, 5) eighths of a block. Pixels with black albedo are not fitted if they have emission, or if their light has
+/// no noise (``m2 - m1² <= 0.01 m1²``), as lamps and background. The weight of the N-th fit is at least 1/N. Detail is
+/// restored with a strictness of 0.7. It comes from the accumulated light of histories of at least 3.5 samples, clipped
+/// by ``clip_history(box="minmax", space="rgb", response="clamp")`` to the new samples, and its variance is ``(m2 -
+/// m1²) / N``. With `by_light`, what exceeds both fit and own new sample is divided by ``(1 + x / 8)**2``: history
+/// beside a lamp contains some of it.
 ///
 /// References
 /// ----------
@@ -103,11 +104,11 @@ pub struct BMFR {
 #[pymethods]
 impl BMFR {
     #[new]
-    #[pyo3(signature = (*, alpha=0.05, fitted_alpha=0.1, block=None, by_light=None, features="fewest", restore=true,
+    #[pyo3(signature = (*, alpha=0.05, fitted_alpha=0.1, block=None, by_light=true, features="fewest", restore=true,
         relative_depth=Threshold::hard(0.1), plane_distance=Threshold::hard(0.01), normal_angle=Threshold::hard(25.0),
         motion_difference=Threshold::hard(0.2), by_confidence=false, gradient=true, fireflies=false, innovation=true, antialias=true))]
     #[pyo3(
-        text_signature = "(*, alpha=0.05, fitted_alpha=0.1, block=None, by_light=None, features='fewest', restore=True, \
+        text_signature = "(*, alpha=0.05, fitted_alpha=0.1, block=None, by_light=True, features='fewest', restore=True, \
         relative_depth=0.1, plane_distance=0.01, normal_angle=25.0, motion_difference=0.2, by_confidence=False, gradient=True, \
         fireflies=False, innovation=True, antialias=True)"
     )]
@@ -115,7 +116,7 @@ impl BMFR {
         alpha: f32,
         fitted_alpha: f32,
         block: Option<i128>,
-        by_light: Option<bool>,
+        by_light: bool,
         features: &str,
         restore: bool,
         relative_depth: Threshold,

@@ -2,10 +2,11 @@
 //!
 //! Blocks lie elsewhere in every frame, so that their borders average out: the N-th fit of a pixel joins those before with
 //! the blend factor max(1/N, fitted_alpha). Emitters are left out of the fits: they shine by themselves, and a block
-//! would spread their light as if it fell on its surfaces. Without albedo, light has texture that no feature
-//! describes, and smaller blocks blur less of it. Emitters cannot be told then, and are fitted together with the dark
-//! around them. With albedo but without emission, so are lamps whose albedo is not black. Bright light therefore weighs
-//! less:
+//! would spread their light as if it fell on its surfaces. They are pixels with black albedo that have emission, or whose light has no noise:
+//! √(m₂ − m₁²) ≤ m₁/10. Glass and mirrors, which renderers give black albedo as well, show noisy light. Without albedo,
+//! light has texture that no feature describes, and smaller blocks blur less of it. Emitters cannot be told then, and are
+//! fitted together with the dark around them, as are highlights and lamps whose albedo is not black. Bright light
+//! therefore weighs less:
 //!   w = 1 / (1 + x)²,  x = l / 2e without albedo, (l / 16e)² with it,
 //! with l the mean luminance of the accumulated light over 3×3 pixels and e its exposure. The mean keeps bright noise from
 //! being held down by itself. What new samples differ from the output by counts by the same weight when they correct it:
@@ -45,8 +46,10 @@ const OFFSETS: [[i64; 2]; 8] = [
     [7, 5],
 ];
 
-/// An emitter is a pixel whose albedo is no larger.
+/// An emitter is a pixel whose albedo is no larger,
 const BLACK: f32 = 1.0 / 1024.0;
+/// and whose light varies no more, relative to the square of its mean.
+const QUIET: f32 = 0.01;
 
 /// Samples from which the moments tell the variance. Not a whole number, so that rounding of resampled lengths does not decide.
 const LEAST: f32 = 3.5;
@@ -75,9 +78,19 @@ pub fn by_light(light: Pixels, bright: f32, textured: bool) -> Image {
 }
 
 /// Weights of a fit that leaves emitters out: NaN for these, elsewhere `weight`, or 1.
-pub fn without_emitters(albedo: Pixels, weight: Option<View>) -> Image {
+pub fn without_emitters(
+    albedo: Pixels,
+    emission: Option<Pixels>,
+    history: &Image,
+    weight: Option<View>,
+) -> Image {
     let mut weights = Image::blank(albedo.size, 1);
-    let kernel = WithoutEmitters { albedo, weight };
+    let kernel = WithoutEmitters {
+        albedo,
+        emission,
+        moments: history.channels(MOMENTS),
+        weight,
+    };
     rows::run(&kernel, albedo.size.height, weights.bands());
     weights
 }
@@ -248,6 +261,8 @@ impl<'a> Kernel for ByLight<'a> {
 /// Writes NaN for emitters, and elsewhere the weights of light.
 struct WithoutEmitters<'a> {
     albedo: Pixels<'a>,
+    emission: Option<Pixels<'a>>,
+    moments: View<'a>,
     weight: Option<View<'a>>,
 }
 
@@ -262,11 +277,20 @@ impl<'a> Kernel for WithoutEmitters<'a> {
                 Some(weight) => weights.copy_from_slice(weight.row(0, y)),
                 None => weights.fill(1.0),
             }
-            let first = y * weights.len();
+            let begin = y * weights.len();
+            let [first, second] = [0, 1].map(|channel| self.moments.row(channel, y));
             for (x, weight) in weights.iter_mut().enumerate() {
-                let [r, g, b] = self.albedo.vector(first + x);
-                let reflects = (r > BLACK) | (g > BLACK) | (b > BLACK);
-                *weight = if reflects { *weight } else { f32::NAN };
+                let exceeds = |[r, g, b]: [f32; 3], least| (r > least) | (g > least) | (b > least);
+                let reflects = exceeds(self.albedo.vector(begin + x), BLACK);
+                let emits =
+                    (self.emission).is_some_and(|image| exceeds(image.vector(begin + x), 0.0));
+                let square = first[x] * first[x];
+                let noisy = second[x] - square > QUIET * square;
+                *weight = if reflects | (noisy & !emits) {
+                    *weight
+                } else {
+                    f32::NAN
+                };
             }
         }
     }
