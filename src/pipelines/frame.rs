@@ -170,7 +170,7 @@ impl SurfaceRecords {
         }
     }
 
-    /// No ids if there are none.
+    /// The ids; empty if there are none.
     pub fn ids_mut(&mut self) -> &mut [u32] {
         self.ids.as_mut().map_or(&mut [], Records::data_mut)
     }

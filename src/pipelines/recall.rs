@@ -91,7 +91,7 @@ impl Memory {
         }
     }
 
-    /// Forgets ids that are the renderer's, or that are not.
+    /// Forgets the ids if they are the renderer's and the next frame's are not, or the other way round.
     pub fn forget_ids_unless(&mut self, own: bool) {
         let had_own = (self.surfaces.as_ref()).is_some_and(|surfaces| surfaces.by_ids);
         if had_own != own {
@@ -99,7 +99,7 @@ impl Memory {
         }
     }
 
-    /// Takes white for a kind of material no more, where kinds stand in for ids.
+    /// Counts white as ordinary, where kinds of material stand in for ids.
     pub fn merge_white(&mut self) {
         merge_white(self.surface.ids_mut());
     }

@@ -2,13 +2,13 @@
 //!
 //! - 1: the albedo is no reflectance ([`reflectance`](super::reflectance)), so that light is not divided by it;
 //! - 3: white, at least 0.99 in every channel. Nothing that scatters light reflects so much: it is how renderers mark glass
-//!   and mirrors, whose light is another scene's and has nothing to do with that of surfaces beside them;
+//!   and mirrors, and what is seen there has nothing to do with the light of the surfaces beside them;
 //! - 2: all others. 0 would be background.
 //!
 //! Textures have white as well, up to single pixels of it, and one surface must not fall apart. So white counts as a kind only
-//! in frames in which it ends where surfaces end: if of the pairs of neighbours that normals and depths do not tell apart
-//! ([`regions`](super::regions)), one is white and the other is of kind 2 in no more than an eighth as many as there are pixels
-//! of the rarer of the two kinds. At 128×96 pixels, that is 0.11 at most in 25 of 26 sequences (0.29 in frames of `fast_dolly`
+//! in frames in which it ends where surfaces end. Where it does not, neighbours that normals and depths do not tell apart
+//! ([`regions`](super::regions)) are of kinds 2 and 3. Of such pairs there may be an eighth as many as there are pixels of the
+//! rarer of the two kinds. At 128×96 pixels, their share is 0.11 at most in 25 of 26 sequences (0.29 in frames of `fast_dolly`
 //! with a few white pixels), and 0.58 or more where the bright half of their textures is made white.
 //!
 //! Inputs: albedo (3); normal (3), depth (1), each optional. Output: the kind (1).
@@ -29,7 +29,7 @@ const WHITE: u32 = 3;
 
 /// Albedo of glass and mirrors. 0.98 is paint, of titanium white.
 const CLEAR: f32 = 0.99;
-/// One pair of neighbours on one surface, of which one is white, for so many white pixels, is no texture.
+/// White is no texture as long as each pair of neighbours that it splits has so many pixels of the rarer kind.
 const RARE: usize = 8;
 
 /// The materials of a frame.
@@ -65,7 +65,7 @@ impl Materials {
     }
 }
 
-/// Makes white a kind no more.
+/// Counts white as ordinary.
 pub fn merge_white(kinds: &mut [u32]) {
     for kind in kinds {
         *kind = (*kind).min(ORDINARY);
