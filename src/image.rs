@@ -441,14 +441,15 @@ impl Pixels<'_> {
     #[inline(always)]
     pub(crate) fn read<const N: usize>(&self, run: Run, into: [&mut [f32]; N]) {
         let start = (run.y * self.size.width + run.x) * self.strides[0];
-        let records = |channels: usize| &self.data[start..][..run.len * channels];
+        let data = &self.data[start..];
         if self.strides[1] == 1 {
             self.prefetch_after(run, 0);
         }
         match self.strides {
-            [2, 1] => deinterleave_first(records(2).as_chunks::<2>().0, into),
-            [3, 1] => deinterleave_first(records(3).as_chunks::<3>().0, into),
-            [4, 1] => deinterleave_first(records(4).as_chunks::<4>().0, into),
+            [2, 1] => deinterleave_run::<2, N>(data, run.len, into),
+            [3, 1] => deinterleave_run::<3, N>(data, run.len, into),
+            [4, 1] => deinterleave_run::<4, N>(data, run.len, into),
+            [6, 1] => deinterleave_run::<6, N>(data, run.len, into),
             strides => {
                 for (channel, into) in into.into_iter().enumerate() {
                     if strides[1] != 1 {
@@ -459,6 +460,27 @@ impl Pixels<'_> {
             }
         }
     }
+}
+
+/// Deinterleaves the first `N` of `C` channels of `len` pixels. Behind a part of an image's channels, the last pixel of the
+/// image has fewer than `C`.
+#[inline(always)]
+fn deinterleave_run<const C: usize, const N: usize>(
+    data: &[f32],
+    len: usize,
+    mut into: [&mut [f32]; N],
+) {
+    let records = data.as_chunks::<C>().0;
+    let records = &records[..records.len().min(len)];
+    if let Some(last) = data
+        .get(records.len() * C..)
+        .filter(|_| records.len() < len)
+    {
+        for (row, &value) in into.iter_mut().zip(last) {
+            row[records.len()] = value;
+        }
+    }
+    deinterleave_first(records, into);
 }
 
 /// Deinterleaves the first `N` of `C` channels.
@@ -656,21 +678,23 @@ pub fn deinterleave<'a, T: Copy + 'a>(
     outs: impl ExactSizeIterator<Item = &'a mut [T]>,
 ) {
     #[inline(always)]
-    fn strided<T: Copy, const C: usize>(records: &[T], channel: usize, out: &mut [T]) {
-        for (to, from) in out.iter_mut().zip(records.as_chunks::<C>().0) {
-            *to = from[channel];
-        }
+    fn all<'a, T: Copy + 'a, const C: usize>(
+        records: &[T],
+        mut outs: impl Iterator<Item = &'a mut [T]>,
+    ) {
+        let rows = std::array::from_fn(|_| outs.next().expect("C planes"));
+        deinterleave_first::<T, C, C>(records.as_chunks::<C>().0, rows);
     }
+    // With a constant stride the compiler uses shuffles instead of element copies.
     let channels = outs.len();
-    for (channel, out) in outs.enumerate() {
-        // With a constant stride the compiler uses shuffles instead of element copies.
-        match channels {
-            1 => out.copy_from_slice(records),
-            2 => strided::<T, 2>(records, channel, out),
-            3 => strided::<T, 3>(records, channel, out),
-            4 => strided::<T, 4>(records, channel, out),
-            6 => strided::<T, 6>(records, channel, out),
-            _ => {
+    match channels {
+        1 => outs.for_each(|out| out.copy_from_slice(records)),
+        2 => all::<T, 2>(records, outs),
+        3 => all::<T, 3>(records, outs),
+        4 => all::<T, 4>(records, outs),
+        6 => all::<T, 6>(records, outs),
+        _ => {
+            for (channel, out) in outs.enumerate() {
                 for (to, from) in out.iter_mut().zip(records.chunks_exact(channels)) {
                     *to = from[channel];
                 }

@@ -44,16 +44,9 @@ impl RecordsMut<'_> {
         &mut self.data[start..][..run.len * self.channels]
     }
 
-    /// The run's pixels, one after the other.
-    #[inline(always)]
-    pub(crate) fn pixels(&mut self, run: Run) -> impl Iterator<Item = &mut [f32]> {
-        let channels = self.channels;
-        self.part(run).chunks_exact_mut(channels)
-    }
-
     /// Starts to bring the place of the run after this one, of the same length, into the cache.
     #[inline(always)]
-    fn prefetch_after(&self, run: Run) {
+    pub(crate) fn prefetch_after(&self, run: Run) {
         let len = run.len * self.channels;
         prefetch(self.data, self.start(run) + len, len);
     }
@@ -93,7 +86,7 @@ impl<'a> PixelsMut<'a> {
             })
     }
 
-    fn channels(&self) -> usize {
+    pub(crate) fn channels(&self) -> usize {
         match self {
             Self::Planar(band) => band.channels(),
             Self::Interleaved(band) => band.channels,
@@ -115,11 +108,12 @@ impl<'a> PixelsMut<'a> {
                 }
             }
             Self::Interleaved(band) => {
-                for (i, record) in band.pixels(run).enumerate() {
-                    for (row, &mut value) in into.iter_mut().zip(record) {
-                        row[i] = value;
-                    }
-                }
+                let size = Size {
+                    height: 1,
+                    width: run.len,
+                };
+                let pixels = Pixels::records(size, band.channels, band.part(run));
+                pixels.colors(Run::row(0, run.len), into);
             }
         }
     }

@@ -3,7 +3,7 @@
 
 use std::ops::Range;
 
-use crate::image::{Pixels, Records, Run, SEGMENT, Size, View, segments};
+use crate::image::{Pixels, Records, Run, SEGMENT, Size, View, deinterleave, interleave, segments};
 use crate::kernels::judge::innovation::{self, Innovation, corrected, innovation};
 use crate::math::luminance;
 use crate::pixels::{Colors, PixelsMut, Row};
@@ -129,46 +129,26 @@ impl<'a> Kernel for Correct<'a> {
     }
 }
 
+/// Channels of the widest history that is corrected: that of `BMFR`, with colour behind its length.
+const MOST: usize = 9;
+
 /// Corrects a run of an image: colour, and if it is a history of five channels and more, the moments of luminance, which move
 /// with it while their variance stays, and further images of light behind its length.
 #[inline(always)]
 pub fn correct_run(found: &[Row; 3], run: Run, image: &mut PixelsMut) {
+    let channels = image.channels();
     match image {
         PixelsMut::Planar(band) => correct_planes(found, band.parts(run)),
         PixelsMut::Interleaved(band) => {
-            for (i, record) in band.pixels(run).enumerate() {
-                correct_record(found.each_ref().map(|row| row[i]), record);
-            }
+            let mut planes = [[0.0; SEGMENT]; MOST];
+            let planes = &mut planes[..channels];
+            band.prefetch_after(run);
+            let records = band.part(run);
+            deinterleave(records, planes.iter_mut().map(|row| &mut row[..run.len]));
+            correct_planes(found, planes.iter_mut().map(|row| &mut row[..run.len]));
+            interleave(planes.iter().map(|row| &row[..run.len]), records);
         }
     }
-}
-
-#[inline(always)]
-fn correct_record(found: [f32; 3], record: &mut [f32]) {
-    let (color, others) = record.split_at_mut(3);
-    let moved = correct_color(found, color);
-    let Some((moments, others)) = others.split_first_chunk_mut::<2>() else {
-        return;
-    };
-    let [first, second] = moments;
-    (*first, *second) = move_moments(moved, *first, *second);
-    if let Some((_length, lights)) = others.split_first_mut() {
-        for light in lights.chunks_exact_mut(3) {
-            correct_color(found, light);
-        }
-    }
-}
-
-/// Returns by how much each channel has changed.
-#[inline(always)]
-fn correct_color(found: [f32; 3], color: &mut [f32]) -> [f32; 3] {
-    let mut moved = [0.0; 3];
-    for ((value, found), moved) in color.iter_mut().zip(found).zip(&mut moved) {
-        let before = *value;
-        *value = corrected(before, found);
-        *moved = *value - before;
-    }
-    moved
 }
 
 #[inline(always)]
@@ -182,9 +162,13 @@ fn correct_planes<'p>(found: &[Row; 3], mut planes: impl Iterator<Item = &'p mut
         }
     }
     if let (Some(first), Some(second)) = (planes.next(), planes.next()) {
-        for (i, (first, second)) in first.iter_mut().zip(second).enumerate() {
-            let moved = moved.each_ref().map(|row| row[i]);
-            (*first, *second) = move_moments(moved, *first, *second);
+        let [r, g, b] = &moved;
+        let moved = r.iter().zip(g).zip(b);
+        for ((first, second), ((r, g), b)) in first.iter_mut().zip(second).zip(moved) {
+            // The moments of a luminance whose colour has moved.
+            let moved = luminance(*r, *g, *b);
+            *second += moved * (*first + *first + moved);
+            *first += moved;
         }
     }
     let _length = planes.next();
@@ -193,11 +177,4 @@ fn correct_planes<'p>(found: &[Row; 3], mut planes: impl Iterator<Item = &'p mut
             *value = corrected(*value, found);
         }
     }
-}
-
-/// The moments of a luminance whose colour has moved.
-#[inline(always)]
-fn move_moments([r, g, b]: [f32; 3], first: f32, second: f32) -> (f32, f32) {
-    let moved = luminance(r, g, b);
-    (first + moved, second + moved * (first + first + moved))
 }

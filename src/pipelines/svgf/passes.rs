@@ -339,7 +339,7 @@ impl Shown<'_> {
         for start in (0..run.len).step_by(LANES) {
             let levels = part(levels, start, pass - 1.0);
             let shares = levels.map(|level| larger(1.0 - (level - pass).abs(), 0.0));
-            if shares == [0.0; LANES] {
+            if !shares.iter().fold(false, |any, &share| any | (share > 0.0)) {
                 continue;
             }
             for (image, values) in self.image.iter_mut().zip(values) {

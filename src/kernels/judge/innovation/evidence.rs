@@ -25,11 +25,19 @@ pub struct Gather<'a, F, P> {
     pub share: f32,
 }
 
+/// Line buffers for one row of pixels.
+struct Line {
+    fresh: [Row; 3],
+    predicted: [Row; 3],
+    /// The light l, if it is not the prediction itself.
+    light: [Row; 3],
+    length: Row,
+    motion: [Row; 2],
+}
+
 /// Sums over two rows of pixels, column by column of a span.
 struct Pairs {
     relative: [Row; 3],
-    /// |r|² of the row added last.
-    square: Row,
     noise: Row,
     /// Number of valid samples.
     samples: Row,
@@ -45,9 +53,9 @@ impl<'a, F: Colors, P: Colors> Kernel for Gather<'a, F, P> {
 
     #[inline(always)]
     fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut out: BandMut<'a>) {
+        let mut lines = [(); 2].map(|()| Line::blank());
         let mut pairs = Pairs {
             relative: [[0.0; SEGMENT]; 3],
-            square: [0.0; SEGMENT],
             noise: [0.0; SEGMENT],
             samples: [0.0; SEGMENT],
             trust: [0.0; SEGMENT],
@@ -56,55 +64,60 @@ impl<'a, F: Colors, P: Colors> Kernel for Gather<'a, F, P> {
         };
         for y in rows {
             for run in segments(2 * y, self.length.size.width) {
-                self.pair(run, &mut pairs);
+                self.read(run, &mut lines[0]);
+                let below = run.y + 1 < self.length.size.height;
+                if below {
+                    let run = Run {
+                        y: run.y + 1,
+                        ..run
+                    };
+                    self.read(run, &mut lines[1]);
+                } else {
+                    lines[1].clear(0);
+                }
+                pairs.pixels = if below { 2.0 } else { 1.0 };
+                pairs.sum(&lines, self.around.is_some(), self.black);
                 self.blocks(run, &pairs, out.rows(y));
             }
         }
     }
 }
 
-impl<F: Colors, P: Colors> Gather<'_, F, P> {
-    /// Sums the two rows of pixels under a row of blocks.
-    #[inline(always)]
-    fn pair(&self, run: Run, pairs: &mut Pairs) {
-        let mut fresh = [[0.0; SEGMENT]; 3];
-        let mut predicted = [[0.0; SEGMENT]; 3];
-        let mut light = [[0.0; SEGMENT]; 3];
-        let mut length = [0.0; SEGMENT];
-        let mut motion = [[0.0; SEGMENT]; 2];
-        let below = run.y + 1 < self.length.size.height;
-        pairs.pixels = if below { 2.0 } else { 1.0 };
-        for y in run.y..=run.y + usize::from(below) {
-            let line = Run { y, ..run };
-            self.fresh.colors(line, &mut fresh);
-            self.prediction.colors(line, &mut predicted);
-            self.length.load(line, 0, &mut length[..run.len]);
-            if let Some(from) = self.known.and_then(|known| known.motion) {
-                from.read(line, motion.each_mut().map(Row::as_mut_slice));
-            }
-            // Padding beyond the image's last pixel counts as missing.
-            fresh[0][run.len..].fill(f32::NAN);
-            length[run.len..].fill(0.0);
-            motion.iter_mut().for_each(|row| row[run.len..].fill(0.0));
-            if y == run.y {
-                pairs.clear();
-            }
-            let light = match self.around {
-                Some(around) => {
-                    around.read(line, &mut light);
-                    &light
-                }
-                None => &predicted,
-            };
-            pairs.add(&fresh, &predicted, light, self.black);
-            for x in 0..SEGMENT {
-                let few = larger(length[x], 1.0);
-                pairs.noise[x] += pairs.square[x] * (1.0 + CORRELATION / (few * few));
-                pairs.trust[x] += saturate(length[x] - 1.0);
-                pairs.motion[0][x] += motion[0][x];
-                pairs.motion[1][x] += motion[1][x];
-            }
+impl Line {
+    fn blank() -> Self {
+        Self {
+            fresh: [[0.0; SEGMENT]; 3],
+            predicted: [[0.0; SEGMENT]; 3],
+            light: [[0.0; SEGMENT]; 3],
+            length: [0.0; SEGMENT],
+            motion: [[0.0; SEGMENT]; 2],
         }
+    }
+
+    /// Pixels from `start` on are beyond the image, and count as missing.
+    #[inline(always)]
+    fn clear(&mut self, start: usize) {
+        self.fresh[0][start..].fill(f32::NAN);
+        self.length[start..].fill(0.0);
+        self.motion
+            .iter_mut()
+            .for_each(|row| row[start..].fill(0.0));
+    }
+}
+
+impl<F: Colors, P: Colors> Gather<'_, F, P> {
+    #[inline(always)]
+    fn read(&self, run: Run, line: &mut Line) {
+        self.fresh.colors(run, &mut line.fresh);
+        self.prediction.colors(run, &mut line.predicted);
+        self.length.load(run, 0, &mut line.length[..run.len]);
+        if let Some(from) = self.known.and_then(|known| known.motion) {
+            from.read(run, line.motion.each_mut().map(Row::as_mut_slice));
+        }
+        if let Some(around) = self.around {
+            around.read(run, &mut line.light);
+        }
+        line.clear(run.len);
     }
 
     /// Sums pairs of columns and merges the reprojected evidence.
@@ -112,7 +125,7 @@ impl<F: Colors, P: Colors> Gather<'_, F, P> {
     fn blocks(&self, run: Run, pairs: &Pairs, out: [&mut [f32]; CHANNELS]) {
         const BLOCKS: usize = SEGMENT / 2;
         let (left, y) = (run.x / 2, run.y / 2);
-        let count = run.len.div_ceil(2);
+        let count = run.len.div_ceil(2).min(BLOCKS);
         let mut trust = [0.0_f32; BLOCKS];
         let mut before = [[0.0_f32; CHANNELS]; BLOCKS];
         if let Some(known) = self.known {
@@ -164,44 +177,53 @@ impl<F: Colors, P: Colors> Gather<'_, F, P> {
 }
 
 impl Pairs {
+    /// Sums the two rows of pixels under a row of blocks.
     #[inline(always)]
-    fn clear(&mut self) {
-        let Self {
-            relative,
-            noise,
-            samples,
-            trust,
-            motion,
-            ..
-        } = self;
-        let others = [noise, samples, trust].into_iter().chain(motion);
-        relative
-            .iter_mut()
-            .chain(others)
-            .for_each(|row| row.fill(0.0));
-    }
-
-    /// Adds the differences of one row of pixels and overwrites `square` with theirs.
-    #[inline(always)]
-    fn add(
-        &mut self,
-        [yr, yg, yb]: &[Row; 3],
-        [pr, pg, pb]: &[Row; 3],
-        [lr, lg, lb]: &[Row; 3],
-        black: f32,
-    ) {
+    fn sum(&mut self, [above, below]: &[Line; 2], apart: bool, black: f32) {
         let [rr, rg, rb] = &mut self.relative;
-        let (samples, square) = (&mut self.samples, &mut self.square);
+        let [mx, my] = &mut self.motion;
         for x in 0..SEGMENT {
-            let present = is_present([yr[x], yg[x], yb[x]]) & is_present([pr[x], pg[x], pb[x]]);
-            let r = relative(yr[x] - pr[x], lr[x], black);
-            let g = relative(yg[x] - pg[x], lg[x], black);
-            let b = relative(yb[x] - pb[x], lb[x], black);
-            rr[x] += if present { r } else { 0.0 };
-            rg[x] += if present { g } else { 0.0 };
-            rb[x] += if present { b } else { 0.0 };
-            samples[x] += if present { 1.0 } else { 0.0 };
-            square[x] = if present { r * r + g * g + b * b } else { 0.0 };
+            let a = above.difference(x, apart, black);
+            let b = below.difference(x, apart, black);
+            rr[x] = a.relative[0] + b.relative[0];
+            rg[x] = a.relative[1] + b.relative[1];
+            rb[x] = a.relative[2] + b.relative[2];
+            self.noise[x] = a.noise + b.noise;
+            self.samples[x] = a.samples + b.samples;
+            self.trust[x] = a.trust + b.trust;
+            mx[x] = above.motion[0][x] + below.motion[0][x];
+            my[x] = above.motion[1][x] + below.motion[1][x];
+        }
+    }
+}
+
+/// What one pixel adds to its block.
+struct Difference {
+    relative: [f32; 3],
+    noise: f32,
+    samples: f32,
+    trust: f32,
+}
+
+impl Line {
+    #[inline(always)]
+    fn difference(&self, x: usize, apart: bool, black: f32) -> Difference {
+        let color = |[r, g, b]: &[Row; 3]| [r[x], g[x], b[x]];
+        let ([yr, yg, yb], [pr, pg, pb]) = (color(&self.fresh), color(&self.predicted));
+        let [lr, lg, lb] = color(if apart { &self.light } else { &self.predicted });
+        let present = is_present([yr, yg, yb]) & is_present([pr, pg, pb]);
+        let r = relative(yr - pr, lr, black);
+        let g = relative(yg - pg, lg, black);
+        let b = relative(yb - pb, lb, black);
+        let few = larger(self.length[x], 1.0);
+        let noise = (r * r + g * g + b * b) * (1.0 + CORRELATION / (few * few));
+        // Added to 0, −0 becomes 0.
+        let counts = |value: f32| 0.0 + if present { value } else { 0.0 };
+        Difference {
+            relative: [counts(r), counts(g), counts(b)],
+            noise: counts(noise),
+            samples: counts(1.0),
+            trust: saturate(self.length[x] - 1.0),
         }
     }
 }

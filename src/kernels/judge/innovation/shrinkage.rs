@@ -130,21 +130,20 @@ impl Blurred {
     /// Sums variances and weights over the window's columns.
     #[inline(always)]
     fn add_columns(&mut self, sparse: bool) {
-        let (variances, weights) = (&self.variances, &self.weights);
         let width = self.variance.len();
         if sparse {
+            let [left, own, right] = columns(&self.weights, width);
             for (x, weight) in self.weight.iter_mut().enumerate() {
-                let sum = (weights[x] + weights[x + 2]) + (weights[x + 1] + weights[x + 1]);
-                *weight = larger(sum, 1.0);
+                *weight = larger((left[x] + right[x]) + (own[x] + own[x]), 1.0);
             }
         }
+        let [left, own, right] = columns(&self.variances, width);
         for (x, variance) in self.variance.iter_mut().enumerate() {
-            *variance = (variances[x] + variances[x + 2]) + 4.0 * variances[x + 1];
+            *variance = (left[x] + right[x]) + 4.0 * own[x];
         }
         for x in [0, width - 1] {
             let [before, here, after] = squared_weights(x, width);
-            self.variance[x] =
-                (before * variances[x] + after * variances[x + 2]) + here * variances[x + 1];
+            self.variance[x] = (before * left[x] + after * right[x]) + here * own[x];
         }
     }
 
@@ -152,20 +151,26 @@ impl Blurred {
     #[inline(always)]
     fn shrink(&mut self, strictness: f32) {
         let width = self.variance.len();
-        let [sr, sg, sb] = self.sums.each_ref().map(Vec::as_slice);
+        let sums = self.sums.each_ref().map(|sums| columns(sums, width));
         let [r, g, b] = self.steps.each_mut().map(|row| &mut row[..width]);
-        let blur = |sums: &[f32], x: usize, per: f32| {
-            ((sums[x] + sums[x + 2]) + (sums[x + 1] + sums[x + 1])) * per
-        };
+        let (variance, weight) = (&self.variance[..width], &self.weight[..width]);
         for x in 0..width {
-            let per = 1.0 / self.weight[x];
-            let [br, bg, bb] = [blur(sr, x, per), blur(sg, x, per), blur(sb, x, per)];
+            let per = 1.0 / weight[x];
+            let blur =
+                |[left, own, right]: [&[f32]; 3]| ((left[x] + right[x]) + (own[x] + own[x])) * per;
+            let [br, bg, bb] = sums.map(blur);
             let square = br * br + bg * bg + bb * bb;
-            let chance = strictness * (self.variance[x] * (per * per));
+            let chance = strictness * (variance[x] * (per * per));
             let kept = larger(1.0 - chance / larger(square, 1e-12), 0.0);
             (r[x], g[x], b[x]) = (kept * br, kept * bg, kept * bb);
         }
     }
+}
+
+/// A row with a halo of one block: the blocks left of each, themselves, and right of each.
+#[inline(always)]
+fn columns(row: &[f32], width: usize) -> [&[f32]; 3] {
+    [&row[..width], &row[1..][..width], &row[2..][..width]]
 }
 
 impl Shrink<'_> {
@@ -175,22 +180,22 @@ impl Shrink<'_> {
         let Size { height, width } = self.blocks.size;
         let lines = [y.saturating_sub(1), y, (y + 1).min(height - 1)];
         for (channel, sums) in blurred.sums.iter_mut().enumerate() {
-            let [above, own, below] = lines.map(|y| self.blocks.row(channel, y));
-            let inner = &mut sums[1..=width];
+            let [above, own, below] = lines.map(|y| &self.blocks.row(channel, y)[..width]);
+            let inner = &mut sums[1..][..width];
             for x in 0..width {
                 inner[x] = (above[x] + below[x]) + (own[x] + own[x]);
             }
             (sums[0], sums[width + 1]) = (sums[1], sums[width]);
         }
-        let [above, own, below] = lines.map(|y| self.blocks.row(3, y));
+        let [above, own, below] = lines.map(|y| &self.blocks.row(3, y)[..width]);
         let [before, here, after] = squared_weights(y, height);
-        for (x, inner) in blurred.variances[1..=width].iter_mut().enumerate() {
+        for (x, inner) in blurred.variances[1..][..width].iter_mut().enumerate() {
             let [above, own, below] = [above[x], own[x], below[x]].map(or_zero);
             *inner = (before * above + after * below) + here * own;
         }
         if self.params.sparse {
             let weights = &mut blurred.weights;
-            for (x, inner) in weights[1..=width].iter_mut().enumerate() {
+            for (x, inner) in weights[1..][..width].iter_mut().enumerate() {
                 let [above, own, below] = [above[x], own[x], below[x]].map(known);
                 *inner = (above + below) + (own + own);
             }
