@@ -88,12 +88,13 @@ fn zeroed<T: Value>(len: usize) -> Vec<T> {
     numbers
 }
 
-/// Prefetches up to `len` elements from `start` on into the first-level cache; the part beyond the slice is left out.
+/// Prefetches up to `len` elements from `start` on into the second-level cache; the part beyond the slice is left out. The
+/// first level is too small for what all streams of a kernel fetch ahead, and its few pending misses would be waited for.
 #[inline(always)]
 pub fn prefetch<T>(data: &[T], start: usize, len: usize) {
     #[cfg(target_arch = "x86_64")]
     for at in (start..data.len().min(start + len)).step_by(LINE / size_of::<T>()) {
-        safe_arch::prefetch_t0(&data[at]);
+        safe_arch::prefetch_t1(&data[at]);
     }
     #[cfg(not(target_arch = "x86_64"))]
     let _ = (data, start, len);

@@ -33,6 +33,7 @@ use super::innovation;
 use crate::error::{Result, finite_from_0, from_0_to_1, in_range};
 use crate::image::{BandMut, Image, Pixels, Records, Run, SEGMENT, Size, View, segments};
 use crate::math::{larger, luminance, smaller};
+use crate::memory::prefetch;
 use crate::pixels::{Colors, Row};
 use crate::rows::{self, BAND, Kernel, Simd};
 
@@ -245,8 +246,12 @@ impl<'a, F: Colors> Kernel for Compare<'a, F> {
                 let tiles = evidence[run.x / TILE * numbers..].chunks_exact_mut(numbers);
                 for (start, evidence) in (0..run.len).step_by(TILE).zip(tiles) {
                     let tile = start..(start + TILE).min(run.len);
-                    for (seen, sums) in seen.iter_mut().zip(&columns) {
-                        *seen = sums[tile.clone()].iter().sum();
+                    // Column by column: each sum would wait for its last addition.
+                    seen.fill(-0.0);
+                    for column in tile {
+                        for (seen, sums) in seen.iter_mut().zip(&columns) {
+                            *seen += sums[column];
+                        }
                     }
                     add(&seen, evidence);
                 }
@@ -311,6 +316,9 @@ impl<'a, F: Colors> Compare<'a, F> {
             for (known, &value) in known.iter_mut().zip(row(candidate)) {
                 *known += 0.0 * value;
             }
+            // The next row of the tiles, not the next run, is read next.
+            let below = (run.y + 1) * candidate.size.width + run.x;
+            prefetch(candidate.plane(0), below, run.len);
         }
         let (mut middle, mut per) = ([0.0; SEGMENT], [0.0; SEGMENT]);
         for (i, &usual) in row(self.candidates[self.usual]).iter().enumerate() {
@@ -320,19 +328,17 @@ impl<'a, F: Colors> Compare<'a, F> {
             let relative = (sample[i] - middle[i]) * per[i];
             sample[i] = smaller(larger(relative, -BOUND), BOUND);
         }
-        let mut before = [0.0; SEGMENT];
-        for (k, &candidate) in self.candidates.iter().enumerate() {
-            let mut next = [0.0; SEGMENT];
-            for (i, &value) in row(candidate).iter().enumerate() {
-                next[i] = (value - middle[i]) * per[i];
+        let (middle, per) = (&middle[..run.len], &per[..run.len]);
+        let (sample, known) = (&sample[..run.len], &known[..run.len]);
+        for (pair, steps) in self.candidates.windows(2).zip(steps) {
+            let [before, after] = [pair[0], pair[1]].map(row);
+            let steps = &mut steps[..run.len];
+            for i in 0..run.len {
+                let before = (before[i] - middle[i]) * per[i];
+                let after = (after[i] - middle[i]) * per[i];
+                let gain = (after - before) * (after + before - 2.0 * sample[i]);
+                steps[i] = if known[i] > 0.0 { gain } else { 0.0 };
             }
-            if k > 0 {
-                for (i, step) in steps[k - 1].iter_mut().enumerate() {
-                    let gain = (next[i] - before[i]) * (next[i] + before[i] - 2.0 * sample[i]);
-                    *step = if known[i] > 0.0 { gain } else { 0.0 };
-                }
-            }
-            before = next;
         }
     }
 }

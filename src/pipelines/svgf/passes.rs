@@ -19,6 +19,7 @@ use crate::kernels::smooth::guide::Guide;
 use crate::kernels::smooth::variance::Estimate;
 use crate::lanes::LANES;
 use crate::math::{larger, smaller};
+use crate::memory::prefetch;
 use crate::pixels::{Colors, Row, rows_of};
 use crate::rows::{self, BAND, Kernel, Simd};
 
@@ -274,6 +275,7 @@ impl<'a> Sink for Keep<'a> {
         for run in segments(y, width) {
             let mut shows = false;
             if let Some(Shown { levels, .. }) = &mut kept.choice {
+                prefetch(levels, run.x + run.len, run.len);
                 let levels = &mut levels[run.x..][..run.len];
                 if self.pass == 0 {
                     self.find_levels(run, &filtered, levels);
@@ -342,9 +344,16 @@ impl Shown<'_> {
             if !shares.iter().fold(false, |any, &share| any | (share > 0.0)) {
                 continue;
             }
+            // What this pass shows alone need not be read before it is written.
+            let alone = shares.iter().fold(true, |all, &share| all & (share == 1.0));
             for (image, values) in self.image.iter_mut().zip(values) {
                 let image = &mut image[run.x..][..run.len];
-                let (mut shown, values) = (part(image, start, 0.0), part(values, start, 0.0));
+                let values = part(values, start, 0.0);
+                let mut shown = if alone {
+                    values
+                } else {
+                    part(image, start, 0.0)
+                };
                 for i in 0..LANES {
                     // Of two images that are mixed, that of fewer passes comes first: added to −0, it keeps its bits.
                     let begun = if pass > levels[i] { shown[i] } else { -0.0 };

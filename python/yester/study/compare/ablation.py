@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from yester import BMFR, SVGF, TAA, Frame, HalfRes, Recirculation
+from yester import BMFR, OIDN, SVGF, TAA, Frame, HalfRes, Recirculation
 from yester.io.files import beside
 from yester.metrics import metric
 from yester.sequence import LOOKAHEAD
@@ -22,6 +22,7 @@ from . import harm
 from .chart import SIZE, measure, times
 from .doors import DOORS, FULL, Door, known_doors, passing
 from .methods import Method, Result, Run, on_part, pipeline, quarter
+from .peers import imports
 from .points import ALL, Point
 
 __all__ = ["ABLATIONS", "Ablation", "Effect", "Harm", "ablate", "harmful", "harms", "table"]
@@ -98,6 +99,7 @@ _APART = Method("SVGF, output stage apart", "SVGF", _antialiased())
 
 _BMFR = Method("BMFR", "BMFR", pipeline(BMFR), default=True)
 _HALF_RES = Method("HalfRes", "HalfRes", on_part(quarter, pipeline(HalfRes)), default=True)
+_OIDN = Method("temporal OIDN high", "temporal OIDN", pipeline(OIDN, "high", temporal=True), default=True)
 _RECIRCULATION = Method("Recirculation", "Recirculation", on_part(quarter, pipeline(Recirculation)), default=True)
 
 _NO_DEPTH_TEST: dict[str, Any] = {"relative_depth": _ENDLESS, "plane_distance": _ENDLESS}
@@ -134,7 +136,7 @@ _SWITCHES = {
     "coherence": "coherence of guides",
 }
 
-#: Every component of `SVGF` and `TAA`, and the innovation of other pipelines.
+#: Every component of `SVGF` and `TAA`, and some of other pipelines; those of a network if it is installed.
 ABLATIONS = (
     *map(_switch, _SWITCHES),
     *(
@@ -200,6 +202,11 @@ ABLATIONS = (
     replace(
         _ablation(_RECIRCULATION, "innovation", on_part(quarter, pipeline(Recirculation, innovation=False))),
         needs_all=True,
+    ),
+    *(
+        _ablation(_OIDN, component, pipeline(OIDN, "high", temporal=True, **{component: False}))
+        for component in ("innovation", "choice")
+        if imports("mitsuba_oidn")
     ),
     _ablation(_BARE, "depth test", _without(*_SURFACES, **_NO_DEPTH_TEST)),
     *(

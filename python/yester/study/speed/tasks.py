@@ -325,6 +325,7 @@ TASKS = (
     Task(
         "SVGF, 5 passes", "SVGF", {}, {"iterations": 5, "choice": False}, _NETWORKS, _AROUND + 5 * (_pass(3) + _dim(3))
     ),
+    Task("SVGF, no innovation", "SVGF", {}, {"innovation": False}),
     Task("HalfRes", "HalfRes"),
     Task("SVGF, as published", "SVGF", {}, {"iterations": 5, **_PUBLISHED}, (), _AROUND + 5 * _pass(5)),
     Task(
