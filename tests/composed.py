@@ -497,20 +497,23 @@ def shorten(length: NDArray, gradient: NDArray | None) -> NDArray:
     return length * (square * square * (square * square) * square)
 
 
-def correct(light: NDArray, found: NDArray) -> NDArray:
+def correct(light: NDArray, found: NDArray, runs: NDArray[np.bool_] | None = None) -> NDArray:
     """Add the correction; light does not fall below black, and missing pixels stay missing."""
     corrected = light + found
     corrected = np.where(corrected < 0, np.float32(0), np.minimum(corrected, np.finfo(np.float32).max))
-    return np.where(corrected_runs(found), corrected, light)
+    return np.where(corrected_runs(found) if runs is None else runs, corrected, light)
 
 
-def correct_history(color: NDArray, moments: NDArray, found: NDArray) -> list[NDArray]:
-    """The moments move with the colour; their variance stays."""
-    corrected = correct(color, found)
+def correct_history(color: NDArray, moments: NDArray, found: NDArray, length: NDArray | None = None) -> list[NDArray]:
+    """The moments move with the colour; their variance stays. Given its `length`, a young history stays as it is."""
+    runs = corrected_runs(found)
+    if length is not None:
+        found = np.where((length >= 3.5)[..., None], found, np.float32(0))
+    corrected = correct(color, found, runs)
     moved = luminance(corrected - color)
     first, second = np.moveaxis(moments, -1, 0)
     shifted = np.stack([first + moved, second + moved * (first + first + moved)], -1)
-    return [corrected, np.where(corrected_runs(found), shifted, moments)]
+    return [corrected, np.where(runs, shifted, moments)]
 
 
 def between_tiles(chosen: NDArray, height: int, width: int) -> NDArray[np.float32]:
@@ -1156,7 +1159,7 @@ class BMFR:
             known = {"evidence": self.evidence, "motion": motion, "exposure": yester.exposure(color)}
             found, self.evidence = yester.innovation(weighed(fresh, light, self.trust), light, length, **known)
             light, fits = correct(light, found), correct(fits, found)
-            color, moments = correct_history(color, moments, found)
+            color, moments = correct_history(color, moments, found, length)
         self.expects_replay = self.before is None or frame.replay is not None
         self.history, self.before = [color, moments, length, fits], frame
         self.age += 1

@@ -11,7 +11,7 @@ mod fit;
 
 use std::ops::Range;
 
-use self::fit::{accumulate_fits, by_light, fit, restored, without_emitters};
+use self::fit::{LEAST, accumulate_fits, by_light, fit, restored, without_emitters};
 use super::apart::{stand_in, told_apart};
 use super::correction::{Weighed, correct, innovate};
 use super::frame::{Frame, Motion, Output, Pipeline, Steps, Summary, Upkeep, names, show};
@@ -363,11 +363,11 @@ impl<'a> Inputs<'a> {
         if let Some(detailed) = detailed {
             let shown = detailed.bands().map(PixelsMut::Planar);
             let behind = PixelsMut::planar(size, history.data_mut());
-            correct(&found, size, shown, Some(behind));
+            correct(&found, size, LEAST, shown, Some(behind));
         } else {
             let (accumulated, fits) = history.data_mut().split_at_mut(FITS.start * size.pixels());
             let [fits, behind] = [fits, accumulated].map(|data| PixelsMut::planar(size, data));
-            correct(&found, size, fits, Some(behind));
+            correct(&found, size, LEAST, fits, Some(behind));
         }
         rest
     }

@@ -84,16 +84,19 @@ impl<'a> Kernel for Scale<'a> {
     }
 }
 
-/// Corrects a prediction, and the history behind it, both by the prediction's colour.
+/// Corrects a prediction, and the history behind it, both by the prediction's colour. The colour and the moments of a history
+/// of fewer samples than `least` stay as they are.
 pub fn correct<'a>(
     found: &'a Innovation,
     size: Size,
+    least: f32,
     prediction: impl Iterator<Item = PixelsMut<'a>>,
     history: Option<impl Iterator<Item = PixelsMut<'a>>>,
 ) {
     let kernel = Correct {
         found,
         width: size.width,
+        least,
     };
     rows::run(
         &kernel,
@@ -105,6 +108,7 @@ pub fn correct<'a>(
 struct Correct<'a> {
     found: &'a Innovation,
     width: usize,
+    least: f32,
 }
 
 impl<'a> Kernel for Correct<'a> {
@@ -121,7 +125,7 @@ impl<'a> Kernel for Correct<'a> {
                 if let Some(found) = self.found.correction(&line, run, &predicted) {
                     correct_run(&found, run, &mut prediction);
                     if let Some(history) = &mut history {
-                        correct_run(&found, run, history);
+                        correct_grown(&found, self.least, run, history);
                     }
                 }
             }
@@ -136,32 +140,53 @@ const MOST: usize = 9;
 /// with it while their variance stays, and further images of light behind its length.
 #[inline(always)]
 pub fn correct_run(found: &[Row; 3], run: Run, image: &mut PixelsMut) {
+    correct_grown(found, 0.0, run, image);
+}
+
+/// The same, but for the colour and the moments of fewer samples than `least`.
+#[inline(always)]
+fn correct_grown(found: &[Row; 3], least: f32, run: Run, image: &mut PixelsMut) {
     let channels = image.channels();
     match image {
-        PixelsMut::Planar(band) => correct_planes(found, band.parts(run)),
+        PixelsMut::Planar(band) => correct_planes(found, least, band.parts(run)),
         PixelsMut::Interleaved(band) => {
             let mut planes = [[0.0; SEGMENT]; MOST];
             let planes = &mut planes[..channels];
             band.prefetch_after(run);
             let records = band.part(run);
             deinterleave(records, planes.iter_mut().map(|row| &mut row[..run.len]));
-            correct_planes(found, planes.iter_mut().map(|row| &mut row[..run.len]));
+            let parts = planes.iter_mut().map(|row| &mut row[..run.len]);
+            correct_planes(found, least, parts);
             interleave(planes.iter().map(|row| &row[..run.len]), records);
         }
     }
 }
 
 #[inline(always)]
-fn correct_planes<'p>(found: &[Row; 3], mut planes: impl Iterator<Item = &'p mut [f32]>) {
+fn correct_planes<'p>(
+    found: &[Row; 3],
+    least: f32,
+    mut planes: impl Iterator<Item = &'p mut [f32]>,
+) {
+    let mut colors = [(); 3].map(|()| planes.next().expect("three channels of colour"));
+    let moments = planes.next().zip(planes.next());
+    let mut own = *found;
+    if let Some(lengths) = planes.next().filter(|_| least > 0.0) {
+        for found in &mut own {
+            for (found, &mut length) in found.iter_mut().zip(lengths.iter_mut()) {
+                *found = if length >= least { *found } else { 0.0 };
+            }
+        }
+    }
     let mut moved = [[0.0; SEGMENT]; 3];
-    for ((found, moved), plane) in found.iter().zip(&mut moved).zip(planes.by_ref()) {
+    for ((found, moved), plane) in own.iter().zip(&mut moved).zip(&mut colors) {
         for ((value, &found), moved) in plane.iter_mut().zip(found).zip(moved) {
             let before = *value;
             *value = corrected(before, found);
             *moved = *value - before;
         }
     }
-    if let (Some(first), Some(second)) = (planes.next(), planes.next()) {
+    if let Some((first, second)) = moments {
         let [r, g, b] = &moved;
         let moved = r.iter().zip(g).zip(b);
         for ((first, second), ((r, g), b)) in first.iter_mut().zip(second).zip(moved) {
@@ -171,7 +196,6 @@ fn correct_planes<'p>(found: &[Row; 3], mut planes: impl Iterator<Item = &'p mut
             *first += moved;
         }
     }
-    let _length = planes.next();
     for (plane, found) in planes.zip(found.iter().cycle()) {
         for (value, &found) in plane.iter_mut().zip(found) {
             *value = corrected(*value, found);

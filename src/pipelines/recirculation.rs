@@ -324,7 +324,7 @@ impl Joined {
             None => (carried, None),
         };
         let planar = |data| PixelsMut::planar(size, data);
-        correct(&found, size, planar(shown), behind.map(planar));
+        correct(&found, size, 0.0, planar(shown), behind.map(planar));
         self.state.evidence = Some(rest);
     }
 }

@@ -287,7 +287,8 @@ impl Stage {
         let (found, rest) = innovate(params, &fresh, &color, length, motion, exposure, evidence);
         let behind = (params.fed_back)
             .then(|| PixelsMut::bands(size, sweep::CHANNELS, history.merged.data_mut()));
-        correct(&found, size, PixelsMut::bands(size, 3, shown), behind);
+        let shown = PixelsMut::bands(size, 3, shown);
+        correct(&found, size, 0.0, shown, behind);
         history.evidence = Some(rest);
     }
 }

@@ -110,7 +110,8 @@ class BMFR(SVGF):
         counts = weighed(fresh, shown, bright)  # (H, W, 3)
         found = self.find_innovation(counts, shown, length, motion, exposure(color))  # (H, W, 3)
         if found is not None:
-            color, moments = correct(color, found, moments)  # (H, W, 3), (H, W, 2)
+            grown = found.where((length >= 3.5)[..., None], 0)  # (H, W, 3)
+            color, moments = correct(color, grown, moments)  # (H, W, 3), (H, W, 2)
             shown, _ = correct(shown, found)  # (H, W, 3)
             smooth, _ = correct(smooth, found)  # (H, W, 3)
         self.history, self.previous = [color, moments, length, smooth], frame

@@ -19,6 +19,11 @@
 //!   k ← b + (k − b) / (1 + x / 8)² if k > b,  b = max(y, f).
 //! Resampled history beside a lamp contains some of it, and the range of the samples the lamp; a lamp's own samples are as
 //! bright as it is. With the whole of x, all bright surfaces lose detail: up to 9 % FLIP in `glass_shelf`.
+//!
+//! The innovation corrects output and fits, and the accumulated light from [`LEAST`] samples on. Where there are fewer, no
+//! detail of it is shown: what is wrong is the fit. Corrected nevertheless, light beside lamps became black, so that the
+//! temporal gradient took the next samples for a change and cut the history, which therefore never had the samples to show
+//! detail: without emission, `cornell_box` lost 4.5 dB.
 
 use std::ops::Range;
 
@@ -52,7 +57,7 @@ const BLACK: f32 = 1.0 / 1024.0;
 const QUIET: f32 = 0.01;
 
 /// Samples from which the moments tell the variance. Not a whole number, so that rounding of resampled lengths does not decide.
-const LEAST: f32 = 3.5;
+pub const LEAST: f32 = 3.5;
 
 /// The history is clipped to the range of 3×3 samples.
 const RANGE: neighborhood::Params = neighborhood::Params {

@@ -200,7 +200,7 @@ impl Still {
             evidence,
         );
         let bands = PixelsMut::bands(size, CHANNELS, self.mean.data_mut());
-        correct(&found, size, bands, None::<std::iter::Empty<_>>);
+        correct(&found, size, 0.0, bands, None::<std::iter::Empty<_>>);
         self.evidence = Some(rest);
     }
 }
