@@ -371,17 +371,17 @@ impl<'a, T: Copy + Default> Pixels<'a, T> {
     /// Loads a channel of a run into a line buffer.
     #[inline(always)]
     pub(crate) fn load(&self, run: Run, channel: usize, into: &mut [T]) {
-        self.prefetch_after(run, channel);
+        self.prefetch_ahead(run, channel);
         self.copy(run, channel, into);
     }
 
-    /// Prefetches the pixels after a run. After longer runs than a segment the hardware prefetcher has seen the stream.
+    /// Prefetches the pixels ahead of a run. After longer runs than a segment the hardware prefetcher has seen the stream.
     #[inline(always)]
-    fn prefetch_after(&self, run: Run, channel: usize) {
+    fn prefetch_ahead(&self, run: Run, channel: usize) {
         if run.len <= SEGMENT {
             let [step, plane] = self.strides;
-            let next = (run.y * self.size.width + run.x + run.len) * step + channel * plane;
-            prefetch(self.data, next, run.len * step);
+            let ahead = (run.y * self.size.width + run.ahead()) * step + channel * plane;
+            prefetch(self.data, ahead, run.len * step);
         }
     }
 
@@ -443,7 +443,7 @@ impl Pixels<'_> {
         let start = (run.y * self.size.width + run.x) * self.strides[0];
         let data = &self.data[start..];
         if self.strides[1] == 1 {
-            self.prefetch_after(run, 0);
+            self.prefetch_ahead(run, 0);
         }
         match self.strides {
             [2, 1] => deinterleave_run::<2, N>(data, run.len, into),
@@ -453,7 +453,7 @@ impl Pixels<'_> {
             strides => {
                 for (channel, into) in into.into_iter().enumerate() {
                     if strides[1] != 1 {
-                        self.prefetch_after(run, channel);
+                        self.prefetch_ahead(run, channel);
                     }
                     self.copy(run, channel, &mut into[..run.len]);
                 }
@@ -605,12 +605,12 @@ impl<T> BandMut<'_, T> {
             .map(move |plane| &mut plane[start..][..run.len])
     }
 
-    /// Prefetches the pixels after a run in each channel.
+    /// Prefetches the pixels ahead of a run in each channel.
     #[inline(always)]
-    pub(crate) fn prefetch_after(&self, run: Run) {
-        let next = (run.y - self.rows.start) * self.width + run.x + run.len;
+    pub(crate) fn prefetch_ahead(&self, run: Run) {
+        let ahead = (run.y - self.rows.start) * self.width + run.ahead();
         for plane in &self.planes {
-            prefetch(plane, next, run.len);
+            prefetch(plane, ahead, run.len);
         }
     }
 
@@ -622,7 +622,7 @@ impl<T> BandMut<'_, T> {
     {
         let start = (run.y - self.rows.start) * self.width + run.x;
         self.planes[0][start..][..run.len].copy_from_slice(&values[..run.len]);
-        self.prefetch_after(run);
+        self.prefetch_ahead(run);
     }
 
     /// The same row of the first `N` channels.
@@ -638,8 +638,8 @@ impl<T> BandMut<'_, T> {
 }
 
 /// Pixels in a line buffer: the longest run that kernels with scratch work on at a time. Short enough that all line buffers
-/// of a kernel fit into the first-level cache, and that the prefetch of the next run is done when this one is. No power
-/// of two: line buffers at multiples of 4 KB from each other would alias, and loads would wait for unrelated stores.
+/// of a kernel fit into the first-level cache, and long enough that what is prefetched ahead has arrived when its turn comes.
+/// No power of two: line buffers at multiples of 4 KB from each other would alias, and loads would wait for unrelated stores.
 pub const SEGMENT: usize = 160;
 
 /// The runs of up to [`SEGMENT`] pixels of a row.
@@ -661,6 +661,12 @@ pub struct Run {
 }
 
 impl Run {
+    /// The column at which the run after the next begins: what is prefetched from there on has arrived when its turn comes.
+    #[inline(always)]
+    pub fn ahead(&self) -> usize {
+        self.x + 2 * self.len
+    }
+
     /// A whole row.
     pub fn row(y: usize, width: usize) -> Self {
         Self {

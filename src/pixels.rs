@@ -44,11 +44,11 @@ impl RecordsMut<'_> {
         &mut self.data[start..][..run.len * self.channels]
     }
 
-    /// Starts to bring the place of the run after this one, of the same length, into the cache.
+    /// Prefetches the pixels ahead of a run.
     #[inline(always)]
-    pub(crate) fn prefetch_after(&self, run: Run) {
+    pub(crate) fn prefetch_ahead(&self, run: Run) {
         let len = run.len * self.channels;
-        prefetch(self.data, self.start(run) + len, len);
+        prefetch(self.data, self.start(run) + 2 * len, len);
     }
 }
 
@@ -125,11 +125,11 @@ impl<'a> PixelsMut<'a> {
         match self {
             Self::Planar(band) => {
                 deinterleave(records, band.parts(run));
-                band.prefetch_after(run);
+                band.prefetch_ahead(run);
             }
             Self::Interleaved(band) => {
                 band.part(run).copy_from_slice(records);
-                band.prefetch_after(run);
+                band.prefetch_ahead(run);
             }
         }
     }
@@ -149,11 +149,11 @@ impl<'a> PixelsMut<'a> {
                 for (part, row) in band.parts(run).zip(rows) {
                     part.copy_from_slice(row);
                 }
-                band.prefetch_after(run);
+                band.prefetch_ahead(run);
             }
             Self::Interleaved(band) => {
                 interleave(rows, band.part(run));
-                band.prefetch_after(run);
+                band.prefetch_ahead(run);
             }
         }
     }

@@ -152,7 +152,7 @@ fn correct_grown(found: &[Row; 3], least: f32, run: Run, image: &mut PixelsMut) 
         PixelsMut::Interleaved(band) => {
             let mut planes = [[0.0; SEGMENT]; MOST];
             let planes = &mut planes[..channels];
-            band.prefetch_after(run);
+            band.prefetch_ahead(run);
             let records = band.part(run);
             deinterleave(records, planes.iter_mut().map(|row| &mut row[..run.len]));
             let parts = planes.iter_mut().map(|row| &mut row[..run.len]);

@@ -23,7 +23,7 @@
 //! The innovation corrects output and fits, and the accumulated light from [`LEAST`] samples on. Where there are fewer, no
 //! detail of it is shown: what is wrong is the fit. Corrected nevertheless, light beside lamps became black, so that the
 //! temporal gradient took the next samples for a change and cut the history, which therefore never had the samples to show
-//! detail: without emission, `cornell_box` lost 4.5 dB.
+//! detail: without emission, `cornell_box` lost 4 dB.
 
 use std::ops::Range;
 

@@ -275,7 +275,7 @@ impl<'a> Sink for Keep<'a> {
         for run in segments(y, width) {
             let mut shows = false;
             if let Some(Shown { levels, .. }) = &mut kept.choice {
-                prefetch(levels, run.x + run.len, run.len);
+                prefetch(levels, run.ahead(), run.len);
                 let levels = &mut levels[run.x..][..run.len];
                 if self.pass == 0 {
                     self.find_levels(run, &filtered, levels);

@@ -101,8 +101,8 @@ impl Taken<'_> {
             means: &mut *means,
         });
         // Only the lowest row of taps is new to the cache; the rows of pixels before have prefetched the others.
-        let next = first + len + (A::SIDE - 1) * dy;
-        prefetch(data, next * C, len * C);
+        let ahead = first + 2 * len + (A::SIDE - 1) * dy;
+        prefetch(data, ahead * C, len * C);
         let lost = |value: &f32| u32::from(!value.is_finite());
         let all = means.as_flattened().iter();
         if all.fold(0, |any, value| any | lost(value)) != 0 {
