@@ -89,7 +89,7 @@ fn zeroed<T: Value>(len: usize) -> Vec<T> {
 }
 
 /// Prefetches up to `len` elements from `start` on into the second-level cache; the part beyond the slice is left out. The
-/// first level is too small for what all streams of a kernel fetch ahead, and its few pending misses would be waited for.
+/// first level is too small for all that a kernel fetches ahead, and can wait for few lines at once: a core then stalls.
 #[inline(always)]
 pub fn prefetch<T>(data: &[T], start: usize, len: usize) {
     #[cfg(target_arch = "x86_64")]

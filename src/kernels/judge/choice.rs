@@ -246,12 +246,8 @@ impl<'a, F: Colors> Kernel for Compare<'a, F> {
                 let tiles = evidence[run.x / TILE * numbers..].chunks_exact_mut(numbers);
                 for (start, evidence) in (0..run.len).step_by(TILE).zip(tiles) {
                     let tile = start..(start + TILE).min(run.len);
-                    // Column by column: each sum would wait for its last addition.
-                    seen.fill(-0.0);
-                    for column in tile {
-                        for (seen, sums) in seen.iter_mut().zip(&columns) {
-                            *seen += sums[column];
-                        }
+                    for (seen, sums) in seen.iter_mut().zip(&columns) {
+                        *seen = sums[tile.clone()].iter().sum();
                     }
                     add(&seen, evidence);
                 }
@@ -316,7 +312,7 @@ impl<'a, F: Colors> Compare<'a, F> {
             for (known, &value) in known.iter_mut().zip(row(candidate)) {
                 *known += 0.0 * value;
             }
-            // The next row of the tiles, not the next run, is read next.
+            // Of a tile, the row below is read before the pixels on the right.
             let below = (run.y + 1) * candidate.size.width + run.x;
             prefetch(candidate.plane(0), below, run.len);
         }

@@ -2,8 +2,8 @@
 //!
 //! Blocks lie elsewhere in every frame, so that their borders average out: the N-th fit of a pixel joins those before with
 //! the blend factor max(1/N, fitted_alpha). Emitters are left out of the fits: they shine by themselves, and a block
-//! would spread their light as if it fell on its surfaces. They are pixels with black albedo that have emission, or whose light has no noise:
-//! √(m₂ − m₁²) ≤ m₁/10. Glass and mirrors, which renderers give black albedo as well, show noisy light. Without albedo,
+//! would spread their light as if it fell on its surfaces. They are pixels with black albedo that have emission, or whose
+//! light has no noise: √(m₂ − m₁²) ≤ m₁/10. Glass and mirrors, which renderers give black albedo as well, show noisy light. Without albedo,
 //! light has texture that no feature describes, and smaller blocks blur less of it. Emitters cannot be told then, and are
 //! fitted together with the dark around them, as are highlights and lamps whose albedo is not black. Bright light
 //! therefore weighs less:
@@ -21,9 +21,9 @@
 //! bright as it is. With the whole of x, all bright surfaces lose detail: up to 9 % FLIP in `glass_shelf`.
 //!
 //! The innovation corrects output and fits, and the accumulated light from [`LEAST`] samples on. Where there are fewer, no
-//! detail of it is shown: what is wrong is the fit. Corrected nevertheless, light beside lamps became black, so that the
-//! temporal gradient took the next samples for a change and cut the history, which therefore never had the samples to show
-//! detail: without emission, `cornell_box` lost 4 dB.
+//! detail of it is shown: what is wrong is the fit. If it is corrected nevertheless, light beside lamps becomes black, the
+//! temporal gradient takes the next samples for a change, and the history stays too young to show detail: without emission,
+//! `cornell_box` loses 4 dB.
 
 use std::ops::Range;
 

@@ -341,19 +341,12 @@ impl Shown<'_> {
         for start in (0..run.len).step_by(LANES) {
             let levels = part(levels, start, pass - 1.0);
             let shares = levels.map(|level| larger(1.0 - (level - pass).abs(), 0.0));
-            if !shares.iter().fold(false, |any, &share| any | (share > 0.0)) {
+            if shares == [0.0; LANES] {
                 continue;
             }
-            // What this pass shows alone need not be read before it is written.
-            let alone = shares.iter().fold(true, |all, &share| all & (share == 1.0));
             for (image, values) in self.image.iter_mut().zip(values) {
                 let image = &mut image[run.x..][..run.len];
-                let values = part(values, start, 0.0);
-                let mut shown = if alone {
-                    values
-                } else {
-                    part(image, start, 0.0)
-                };
+                let (mut shown, values) = (part(image, start, 0.0), part(values, start, 0.0));
                 for i in 0..LANES {
                     // Of two images that are mixed, that of fewer passes comes first: added to −0, it keeps its bits.
                     let begun = if pass > levels[i] { shown[i] } else { -0.0 };
