@@ -1,12 +1,12 @@
 //! Fits of the accumulated light to the features of its surfaces, block by block, and their accumulation.
 //!
-//! Blocks lie elsewhere in every frame, so that their borders average out: the N-th fit of a pixel joins those before with
-//! the blend factor max(1/N, fitted_alpha). Emitters are left out of the fits: they shine by themselves, and a block
-//! would spread their light as if it fell on its surfaces. They are pixels with black albedo that have emission, or whose
-//! light has no noise: √(m₂ − m₁²) ≤ m₁/10. Glass and mirrors, which renderers give black albedo as well, show noisy light. Without albedo,
-//! light has texture that no feature describes, and smaller blocks blur less of it. Emitters cannot be told then, and are
-//! fitted together with the dark around them, as are highlights and lamps whose albedo is not black. Bright light
-//! therefore weighs less:
+//! Blocks lie elsewhere in every frame, so that their borders average out: the N-th fit of a pixel joins those before
+//! with the blend factor max(1/N, fitted_alpha). Emitters are left out of the fits: they shine by themselves, and a
+//! block would spread their light as if it fell on its surfaces. They are pixels with black albedo that have emission,
+//! or whose light has no noise: √(m₂ − m₁²) ≤ m₁/10. Glass and mirrors, which renderers give black albedo as well, show
+//! noisy light. Without albedo, light has texture that no feature describes, and smaller blocks blur less of it.
+//! Emitters cannot be told then, and are fitted together with the dark around them, as are highlights and lamps whose
+//! albedo is not black. Bright light therefore weighs less:
 //!   w = 1 / (1 + x)²,  x = l / 2e without albedo, (l / 16e)² with it,
 //! with l the mean luminance of the accumulated light over 3×3 pixels and e its exposure. The mean keeps bright noise from
 //! being held down by itself. What new samples differ from the output by counts by the same weight when they correct it:
