@@ -45,7 +45,7 @@ pub(crate) fn in_range(
 
 /// An error if the value is not between 0 and 1.
 pub(crate) fn from_0_to_1(argument: &str, value: f32) -> Result<()> {
-    in_range(argument, value, "a share from 0 to 1", |v| {
+    in_range(argument, value, "a fraction from 0 to 1", |v| {
         (0.0..=1.0).contains(&v)
     })
 }

@@ -77,11 +77,17 @@ impl<T: Value> Image<T> {
     /// An image of zeros.
     ///
     /// # Errors
-    /// If the size is empty or too large.
+    /// If the size is empty or too large, or there are no channels or too many.
     pub fn zeros(size: Size, channels: usize) -> Result<Self> {
         size.check("size")?; // before the product, which may overflow
-        check_data(size, channels, size.pixels().saturating_mul(channels))?;
-        Ok(Self::new(size, channels))
+        match size.pixels().checked_mul(channels) {
+            Some(1..) => Ok(Self::new(size, channels)),
+            _ => Err(Error::value(
+                "channels",
+                "1 or more, and few enough for memory",
+                channels,
+            )),
+        }
     }
 
     /// Height and width.
@@ -560,8 +566,14 @@ impl<T: Value> Records<T> {
     }
 }
 
-/// The bands of planar data, to be written by different threads.
-pub fn bands_of<T>(data: &mut [T], size: Size) -> impl Iterator<Item = BandMut<'_, T>> {
+/// The bands of an image of one channel, to be written by different threads.
+pub fn plane_bands<T>(plane: &mut [T], size: Size) -> impl Iterator<Item = BandMut<'_, T>> {
+    assert_eq!(plane.len(), size.pixels(), "an output has another size");
+    bands_of(plane, size)
+}
+
+/// The bands of planar data.
+fn bands_of<T>(data: &mut [T], size: Size) -> impl Iterator<Item = BandMut<'_, T>> {
     let Size { width, height } = size;
     let mut planes: Vec<_> = data
         .chunks_mut(size.pixels())

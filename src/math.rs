@@ -71,14 +71,18 @@ pub fn tone_map(rgb: Color, exposure: f32) -> Color {
 #[inline(always)]
 pub fn inverse_tone_map(rgb: Color, exposure: f32, limit: f32) -> Color {
     let mapped = max_channel(rgb);
-    let limited = mapped.min(limit / (exposure + limit));
-    let scale = exposure / (1.0 - limited)
-        * if mapped > limited {
-            limited / mapped
-        } else {
-            1.0
-        };
+    let inverse = if mapped < 1.0 {
+        exposure / (1.0 - mapped)
+    } else {
+        f32::INFINITY
+    };
+    let scale = smaller(inverse, limit / larger(mapped, f32::MIN_POSITIVE));
     rgb.map(|c| c * scale)
+}
+
+/// The luminance that is added where luminances are compared by their ratio: far below it, differences count as absolute.
+pub fn black_level(exposure: f32) -> f32 {
+    (exposure / 16.0).max(f32::MIN_POSITIVE)
 }
 
 /// The minimum; `b` where either is NaN. One instruction on every CPU, unlike `f32::min`, which tests for NaN.

@@ -241,7 +241,7 @@ impl Settings {
     }
 
     pub(crate) fn get() -> &'static Self {
-        Self::from_environment().expect("the environment is checked before any kernel runs")
+        Self::from_environment().unwrap_or_else(|error| panic!("{error}"))
     }
 
     /// The instruction set's name, as `YESTER_SIMD` has it.

@@ -209,7 +209,7 @@ def test_bad_input():
         yester.blend(image, image, weighting="Tone")
     for name in ("alpha", "flicker"):
         for value in (-0.1, 1.1, np.nan, np.inf):
-            with pytest.raises(ValueError, match=rf"^{name}: expected a share from 0 to 1"):
+            with pytest.raises(ValueError, match=rf"^{name}: expected a fraction from 0 to 1"):
                 yester.blend(image, image, **{name: value})
         with pytest.raises(TypeError, match=name):
             yester.blend(image, image, **{name: "much"})

@@ -93,7 +93,7 @@ def test_unknown_change_of_depth_hides_nothing():
 def test_bad_input():
     depth, motion = np.ones((4, 5), np.float32), np.zeros((4, 5, 2), np.float32)
     for value in (-0.1, 1.1, np.nan):
-        with pytest.raises(ValueError, match="separation: expected a share from 0 to 1"):
+        with pytest.raises(ValueError, match="separation: expected a fraction from 0 to 1"):
             yester.disocclusion(depth, motion, separation=value)
     with pytest.raises(ValueError, match="motion: expected height 4 and width 5"):
         yester.disocclusion(depth, motion[:3])

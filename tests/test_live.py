@@ -299,7 +299,7 @@ def test_every_viewer_has_views_and_exposure_of_its_own(scene, session):
         ({"pipeline": "magic"}, "pipeline: expected one of SVGF, "),
         ({"pipeline": "SVGF", "parameters": [1]}, "parameters: expected a mapping"),
         ({"pipeline": "SVGF", "parameters": {"alfa": 1}}, "parameters: expected some of .*, got 'alfa'"),
-        ({"pipeline": "SVGF", "parameters": {"alpha": 2}}, "alpha: expected a share from 0 to 1"),
+        ({"pipeline": "SVGF", "parameters": {"alpha": 2}}, "alpha: expected a fraction from 0 to 1"),
         ({"pipeline": "SVGF", "parameters": {"iterations": 1.5}}, "parameters: "),
         ({"light": 1}, "light: expected true or false"),
         ({"size": 99}, "size: expected 0 to "),

@@ -50,7 +50,7 @@ def test_range_of_the_five_and_missing_pixels():
 def test_bad_input():
     color = np.ones((4, 5, 3), np.float32)
     for value in (-0.1, 1.1, np.nan):
-        with pytest.raises(ValueError, match="strength: expected a share from 0 to 1"):
+        with pytest.raises(ValueError, match="strength: expected a fraction from 0 to 1"):
             yester.sharpen(color, strength=value)
     for value in (0, -1, np.nan, np.inf):
         with pytest.raises(ValueError, match="exposure: expected a finite number above 0"):

@@ -5,8 +5,8 @@ use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 
 use super::arrays::{COLOR, Channels, Direct, Input, MOTION, Out, detached, parts};
-use crate::error::{Error, whole};
-use crate::image::{Records, bands_of};
+use crate::error::{Error, from_0_to_1, whole};
+use crate::image::{Records, plane_bands};
 use crate::kernels::judge::{choice, collocation, exposure, prediction, repetition};
 
 /// Choose the best of several predictions, tile by tile, by the evidence of earlier frames.
@@ -382,7 +382,7 @@ pub fn collocation_shares<'py>(
     share: f32,
     out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<(Bound<'py, PyArrayDyn<f32>>, Bound<'py, PyArrayDyn<f32>>)> {
-    choice::check_share(share)?;
+    from_0_to_1("share", share)?;
     let (shares, carried) = {
         let motion = Input::<f32>::new(motion, "motion", MOTION)?;
         let size = motion.size();
@@ -573,7 +573,7 @@ pub fn prediction_gain<'py>(
         let [candidate, base, color] = [&candidate, &base, &color].map(|image| image.pixels());
         let ids = ids.as_ref().map(|ids| ids.pixels());
         out.fill(py, &shape, |gain| {
-            let gain = bands_of(gain, size);
+            let gain = plane_bands(gain, size);
             prediction::prediction_gain(candidate, base, color, ids, radius, standardized, gain);
         })?
     };

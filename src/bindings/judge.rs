@@ -91,7 +91,6 @@ pub fn incoherent_guides_<'py>(
         let shape = [size.height, size.width];
         let out = Out::<bool>::given(out, &shape)?;
         let mask = out.bytes()?.fill(py, &shape, |mask| {
-            let [normal, confidence] = [normal, confidence].map(|image| image);
             let tiles = incoherent(size, normal, ids, confidence);
             for (y, row) in mask.chunks_mut(size.width).enumerate() {
                 row.fill(0);

@@ -7,7 +7,7 @@ use pyo3::prelude::*;
 use super::arrays::{COLOR, Channels, Direct, Input, MOTION, Number, Out, detached, needs, parts};
 use super::camera::{Camera, check_size};
 use crate::error::Error;
-use crate::image::{Pixels, Records, bands_of};
+use crate::image::{Pixels, Records, plane_bands};
 use crate::kernels::camera::pinhole;
 use crate::kernels::fetch::claims::claims;
 use crate::kernels::fetch::validate::{self, Surface, Tests, Threshold};
@@ -305,7 +305,7 @@ pub fn consistency_<'py>(
             detached(py, || {
                 let claims = before.map(|before| claims(motion, before));
                 let tests = tests.with_claims(claims.as_ref().map(Records::pixels));
-                let outs = bands_of(rejection, size).zip(bands_of(confidence, size));
+                let outs = plane_bands(rejection, size).zip(plane_bands(confidence, size));
                 consistency::consistency(motion, tests, outs);
             })?;
         }

@@ -22,7 +22,7 @@ use super::smooth::{
     atrous, demodulate, fireflies, history_fix, joint_bilateral, lend, morphological, reflectance,
     regress, sharpen, variance,
 };
-use crate::image::{Image, Records, Size, bands_of};
+use crate::image::{Image, Records, Size, plane_bands};
 use crate::pixels::PixelsMut;
 
 /// A fraction of the usual number of cases: images have many pixels, and tests are not optimised.
@@ -329,7 +329,7 @@ proptest! {
         shares(&coverage)?;
 
         let mut mask = vec![0; n];
-        let judged = bands_of(&mut mask, size).zip(bands_of(&mut coverage, size));
+        let judged = plane_bands(&mut mask, size).zip(plane_bands(&mut coverage, size));
         consistency::consistency(motion.pixels(), tests(), judged);
         shares(&coverage)?;
 
@@ -421,7 +421,7 @@ proptest! {
         let ids = draw.ids();
         let mut gain = vec![f32::NAN; size.pixels()];
         for [k, h, c] in [[&history, &color, &color], [&older, &tame, &tame]] {
-            let bands = bands_of(&mut gain, size);
+            let bands = plane_bands(&mut gain, size);
             prediction::prediction_gain(k.pixels(), h.pixels(), c.pixels(), Some(ids.pixels()), draw.of(&[1, 3]), draw.of(&[false, true]), bands);
         }
         finite(&gain)?;

@@ -12,27 +12,23 @@ mod fit;
 use std::ops::Range;
 
 use self::fit::{LEAST, accumulate_fits, by_light, fit, restored, without_emitters};
-use super::apart::{stand_in, told_apart};
 use super::correction::{Weighed, correct, innovate};
 use super::frame::{Frame, Motion, Output, Pipeline, Steps, Summary, Upkeep, names, show};
 use super::history;
-use super::illumination::{
-    self, Illumination, illumination, modulated, surfaces, without_fireflies,
-};
+use super::illumination::{Illumination, illumination, modulated, without_fireflies};
+use super::material_ids::MaterialIds;
 use super::recall::{self, Memory, Recalled};
 use super::repetition::Noise;
 use super::taa::{self, Denoised, Others, Stage};
 use crate::error::{Result, from_0_to_1};
 use crate::image::{Image, Pixels, Records, View};
 use crate::kernels::camera::pinhole::Camera;
-use crate::kernels::fetch::validate::{self, Tests};
+use crate::kernels::fetch::validate;
 use crate::kernels::judge::exposure::exposure;
 use crate::kernels::judge::{gradient, innovation};
 use crate::kernels::merge::accumulate::{self, Images, Samples, accumulate};
 use crate::kernels::smooth::demodulate::{Texture, Way};
 use crate::kernels::smooth::guide::Guide;
-use crate::kernels::smooth::material::Materials;
-use crate::kernels::smooth::reflectance::Surfaces;
 use crate::kernels::smooth::regress::{self, Features, Place};
 use crate::kernels::smooth::restore;
 use crate::pixels::PixelsMut;
@@ -114,7 +110,7 @@ const FITS: Range<usize> = accumulate::CHANNELS..accumulate::CHANNELS + 3;
 /// What one frame leaves to the next.
 struct State {
     memory: Memory,
-    /// The innovation that was found and not corrected.
+    /// Evidence of the innovation, carried to the next frame.
     evidence: Option<Records>,
     /// Of the samples, if they are mixed in or detail is restored.
     noise: Option<Noise>,
@@ -163,11 +159,10 @@ impl Steps for Bmfr {
             None => (None, None, None, 0),
         };
         let first = memory.is_none();
-        let surfaces = surfaces(frame);
-        let apart = stand_in(frame, surfaces.as_ref(), memory.as_mut());
-        let frame = &told_apart(frame, apart.as_ref().map(Materials::counted));
-        (memory.iter_mut()).for_each(|memory| memory.reject_changed(surfaces.as_ref()));
-        let inputs = Inputs::new(frame, surfaces.as_ref(), memory.as_ref());
+        let materials = MaterialIds::of(frame, memory.as_mut());
+        let given = frame;
+        let frame = &materials.frame(given);
+        let inputs = Inputs::new(frame, materials.texture(frame), memory.as_ref());
         let Inputs {
             texture, features, ..
         } = inputs;
@@ -223,11 +218,7 @@ impl Steps for Bmfr {
                     corrects: params.history.innovation.is_some(),
                     weight: trust,
                     repeats,
-                    others: Others {
-                        tests: Tests::none(),
-                        report: None,
-                        confidence: Some(View::new(color.size, 1, output.confidence)),
-                    },
+                    others: Others::by_confidence(View::new(color.size, 1, output.confidence)),
                 };
                 let (before, motion) = (inputs.before.as_ref(), inputs.motion.pixels());
                 stage.show(frame, before, motion, denoised, output.color);
@@ -237,11 +228,10 @@ impl Steps for Bmfr {
         (output.history_length).copy_from_slice(history.plane(LENGTH.start));
 
         let left = Records::of(history.view());
-        let kept = told_apart(frame, apart.as_ref().map(|materials| &materials.all));
         let mut used = inputs.used;
-        used.retain(|&name| name != "ids" || apart.is_none());
+        materials.own_only(&mut used);
         self.state = Some(State {
-            memory: Memory::new(&kept, surfaces, left, &params.history, first),
+            memory: materials.remember(given, left, &params.history, first),
             evidence,
             noise,
             age: age + 1,
@@ -266,7 +256,7 @@ struct Inputs<'a> {
 }
 
 impl<'a> Inputs<'a> {
-    fn new(frame: &'a Frame<'a>, surfaces: Option<&'a Surfaces>, memory: Option<&Memory>) -> Self {
+    fn new(frame: &'a Frame<'a>, texture: Option<Texture<'a>>, memory: Option<&Memory>) -> Self {
         let camera = memory.and_then(|memory| memory.camera.as_ref());
         let mut used = vec![];
         let motion = frame.motion(camera, memory.and_then(Memory::depth), &mut used);
@@ -291,7 +281,7 @@ impl<'a> Inputs<'a> {
             frame,
             before: camera.copied(),
             motion,
-            texture: illumination::texture(frame, surfaces),
+            texture,
             features: Features {
                 normal: surface.normal,
                 place,

@@ -32,11 +32,6 @@ impl Colors for Illumination<'_> {
     }
 }
 
-/// What tells where a frame's albedo is a reflectance.
-pub fn surfaces(frame: &Frame) -> Option<Surfaces> {
-    Surfaces::of(frame.albedo?, &frame.surface)
-}
-
 pub fn texture<'a>(frame: &Frame<'a>, surfaces: Option<&'a Surfaces>) -> Option<Texture<'a>> {
     frame.albedo.map(|albedo| Texture {
         albedo,

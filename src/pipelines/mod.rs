@@ -11,12 +11,12 @@
 //! All are used in the same way: see [`Pipeline`], [`Frame`] and [`Results`]. `Params::default()` is what the class of the
 //! Python package has by default.
 
-mod apart;
 pub mod bmfr;
 mod correction;
 mod frame;
 pub mod history;
 mod illumination;
+mod material_ids;
 mod recall;
 pub mod recirculation;
 mod reflections;

@@ -215,7 +215,8 @@ impl Memory {
     }
 }
 
-/// The motion of a frame whose surfaces nothing else tells apart by their distance, unless they are thinner than a pixel.
+/// The motion of a frame without depth, which stands in for it; none among surfaces thinner than a pixel, where motion
+/// changes from pixel to pixel.
 pub fn told_by_motion<'a>(frame: &Frame<'a>) -> Option<Pixels<'a>> {
     (frame.motion).filter(|&motion| frame.surface.depth.is_none() && !is_erratic(motion))
 }

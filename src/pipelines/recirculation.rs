@@ -134,7 +134,7 @@ struct State {
     quality: Records,
     /// Depth, and offset from the pixel's centre, if history is splatted.
     place: Option<[Records; 2]>,
-    /// The innovation that was found and not corrected, from the second frame on.
+    /// Evidence of the innovation, carried to the next frame; from the second frame on.
     evidence: Option<Records>,
     camera: Camera,
 }

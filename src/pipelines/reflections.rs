@@ -18,7 +18,9 @@
 use std::ops::Range;
 
 use super::frame::Frame;
-use crate::image::{BandMut, Image, Pixels, Records, Run, SEGMENT, Size, View, bands_of, segments};
+use crate::image::{
+    BandMut, Image, Pixels, Records, Run, SEGMENT, Size, View, plane_bands, segments,
+};
 use crate::kernels::camera::motion::{Geometry, Shown};
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::camera::virtual_motion::Mirrored;
@@ -253,7 +255,7 @@ struct Candidates<'a> {
     distances: usize,
 }
 
-/// Of each candidate, in the rows in which they are evaluated:
+/// Results of all candidates, in the rows in which they are evaluated.
 struct Evaluated {
     /// The gain's terms: NaN where nothing was fetched, infinite where a sample or a prediction is missing.
     errors: Image,
@@ -309,7 +311,7 @@ impl<'a> Candidates<'a> {
         let band = BAND * size.width * 2 * self.distances;
         let mut certain = vec![Tiles::new(size); scores.evaluated.len()];
         let mut won: Vec<_> = certain.iter_mut().map(Tiles::bands).collect();
-        let outs = carried.bands().zip(bands_of(coverage, size));
+        let outs = carried.bands().zip(plane_bands(coverage, size));
         let outs = outs
             .zip(motion.bands())
             .zip(scores.image.data_mut().chunks_mut(band))

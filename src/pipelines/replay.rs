@@ -21,7 +21,7 @@ use crate::kernels::judge::innovation::{self, Innovation, corrected, innovation}
 use crate::kernels::smooth::atrous::{self, Source, atrous};
 use crate::kernels::smooth::demodulate::Texture;
 use crate::kernels::smooth::guide::Guide;
-use crate::math::larger;
+use crate::math::{black_level, larger};
 use crate::pixels::{Colors, PixelsMut, Row};
 use crate::rows::{self, Kernel, Simd};
 
@@ -89,7 +89,7 @@ pub fn relight(
         history: known,
         change: [&now, &then],
         mean: &blurred(&then, endless.pixels()),
-        black: innovation::black(bright),
+        black: black_level(bright),
     };
     let (found, _) = innovation(
         &fresh,

@@ -24,13 +24,13 @@ pub use self::params::{ANTIALIASED, Params};
 use self::passes::{choose, filter};
 use self::sides::{Joined, expect, join, join_reports};
 use self::still::Still;
-use super::apart::{stand_in, told_apart};
 use super::correction::innovate;
 use super::frame::{
     Expectation, Extras, Frame, History, HistoryMut, Mistake, Motion, Output, Pipeline, Steps,
     Summary, Upkeep, names,
 };
-use super::illumination::{Illumination, illumination, surfaces, texture};
+use super::illumination::{Illumination, illumination};
+use super::material_ids::MaterialIds;
 use super::recall::{Incoherent, Memory, told_by_motion};
 use super::reflections;
 use super::repetition::Noise;
@@ -45,13 +45,12 @@ use crate::kernels::judge::innovation::Innovation;
 use crate::kernels::merge::accumulate;
 use crate::kernels::smooth::demodulate::Texture;
 use crate::kernels::smooth::guide::{Coarse, Guide};
-use crate::kernels::smooth::material::Materials;
 use crate::pixels::Colors;
 
 /// What goes from frame to frame, beside the history of the output stage.
 struct State {
     memory: Memory,
-    /// The innovation that was found and not corrected.
+    /// Evidence of the innovation, carried to the next frame.
     evidence: Option<Records>,
     /// Evidence of each tile for the numbers of passes.
     choice: Option<Records>,
@@ -175,8 +174,6 @@ impl Svgf {
     ) -> Result<(Summary, Option<Mistake>)> {
         self.checked(frame, |pipeline, frame| {
             expected.check(frame.color.size)?;
-            // It would go on from an image that is too old.
-            pipeline.antialias.iter_mut().for_each(Stage::reset);
             let (expectation, confidence, rejection) = expected.parts();
             let mut length = Image::blank(frame.color.size, 1);
             let reports = Reports {
@@ -205,6 +202,10 @@ impl Svgf {
 
     fn advance(&mut self, frame: &Frame, mut task: Task, reports: Reports) -> Result<Summary> {
         (self.state.iter()).try_for_each(|state| state.memory.check(frame))?;
+        if matches!(task, Task::Recall(_)) {
+            // The output stage does not see this frame, and would go on from an image that is too old.
+            self.antialias.iter_mut().for_each(Stage::reset);
+        }
         let mut past = self.state.take();
         let first = past.is_none();
         let before = past.as_ref().and_then(|past| past.memory.camera);
@@ -212,15 +213,10 @@ impl Svgf {
         let depth = past.as_ref().and_then(|past| past.memory.depth());
         let motion = frame.motion(before.as_ref(), depth, &mut used);
         let rests = self.params.average_still && frame.rests(before.as_ref());
-        let surfaces = surfaces(frame);
-        let apart = stand_in(
-            frame,
-            surfaces.as_ref(),
-            past.as_mut().map(|past| &mut past.memory),
-        );
-        let frame = &told_apart(frame, apart.as_ref().map(Materials::counted));
-        (past.iter_mut()).for_each(|past| past.memory.reject_changed(surfaces.as_ref()));
-        let texture = texture(frame, surfaces.as_ref());
+        let materials = MaterialIds::of(frame, past.as_mut().map(|past| &mut past.memory));
+        let given = frame;
+        let frame = &materials.frame(given);
+        let texture = materials.texture(frame);
         let asks = self.params.looks_around() || !matches!(task, Task::Show(_, None));
         let sample = asks.then(|| illumination(frame.color, texture));
         let chooses = self.params.chooses(texture.is_some());
@@ -261,9 +257,8 @@ impl Svgf {
         let left = run(now, past, still, task, reports, self.antialias.as_mut());
         let missing = left.missing;
         used.extend(left.used);
-        used.retain(|&name| name != "ids" || apart.is_none());
-        let kept = told_apart(frame, apart.as_ref().map(|materials| &materials.all));
-        let mut memory = Memory::new(&kept, surfaces, left.history, &params.history, first);
+        materials.own_only(&mut used);
+        let mut memory = materials.remember(given, left.history, &params.history, first);
         memory.reflections = left.reflections;
         self.state = Some(State {
             memory,

@@ -63,7 +63,7 @@ struct History {
     merged: Records,
     /// The memory of the alternation kernel, where it runs.
     alternation: Option<Records>,
-    /// The innovation that was found and not corrected.
+    /// Evidence of the innovation, carried to the next frame.
     evidence: Option<Records>,
     /// Luminances and evidence for the next frame's mixing weights, if samples and denoised colour are mixed in.
     seen: Option<Seen>,
@@ -89,7 +89,7 @@ pub(crate) struct Denoised<'a> {
     pub others: Others<'a>,
 }
 
-/// By what history of other surfaces is recognised.
+/// Tests and confidence by which history of another surface is rejected.
 pub(crate) struct Others<'a> {
     /// Tests that history must pass.
     pub tests: Tests<'a>,
@@ -97,6 +97,17 @@ pub(crate) struct Others<'a> {
     /// Confidence of the denoiser, if it is known: 0 where it found no history of the surface. History that has to be clipped
     /// there is shortened.
     pub confidence: Option<View<'a>>,
+}
+
+impl<'a> Others<'a> {
+    /// Where the denoiser's confidence tells all.
+    pub fn by_confidence(confidence: View<'a>) -> Self {
+        Self {
+            tests: Tests::none(),
+            report: None,
+            confidence: Some(confidence),
+        }
+    }
 }
 
 impl Stage {
@@ -445,7 +456,7 @@ impl Taa {
             color: own.unwrap_or(frame.color),
             ..*frame
         };
-        // What is denoised is smooth, and no sample of one place.
+        // Denoised colour is already filtered: its jitter is not resolved.
         let filter = params.reconstruct.filter(|_| source.is_none());
         let resolved = resolve_jitter(frame, filter, &mut used);
         let color = (resolved.as_ref()).map_or(frame.color, |(image, _)| image.pixels());

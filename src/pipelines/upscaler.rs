@@ -17,7 +17,7 @@ use self::grids::Grids;
 use self::merge::{CHANNELS, Merge};
 use super::frame::{Frame, Output, Pipeline, Steps, Summary, Upkeep, check_size, names};
 use super::illumination::samples_without_fireflies;
-use crate::error::{Error, Result, in_range};
+use crate::error::{Error, Result, from_0_to_1, in_range};
 use crate::image::{Image, Pixels, Records, SEGMENT, Size, View, segments};
 use crate::kernels::camera::dilate::{self, Choice, dilate};
 use crate::kernels::camera::pinhole::Camera;
@@ -32,7 +32,7 @@ use crate::kernels::judge::neighborhood::{self, Bounds, Response, Space, clip_hi
 use crate::kernels::judge::thin_features::thin_features;
 use crate::kernels::merge::accumulate::count_missing;
 use crate::kernels::smooth::fireflies;
-use crate::kernels::smooth::sharpen::{self, check_strength, sharpen};
+use crate::kernels::smooth::sharpen::{self, sharpen};
 use crate::pixels::{PixelsMut, Row};
 
 /// Parameters of [`Upscaler`].
@@ -101,7 +101,7 @@ impl Params {
             .iter()
             .try_for_each(fireflies::Params::check)?;
         in_range("lifetime", self.lifetime, "frames above 0", |v| v > 0.0)?;
-        check_strength("sharpness", self.sharpness)
+        from_0_to_1("sharpness", self.sharpness)
     }
 
     /// The output's size for an input.

@@ -79,7 +79,7 @@ fn product(side: impl Fn(f32) -> [f32; 4], corners: bool, [x, y]: [f32; 2]) -> [
     [along, [d0 * scale, d1 * scale, d2 * scale, d3 * scale]]
 }
 
-/// What stands still keeps its bits; and the sinc has a gap there.
+/// At f = 0 the weights are exactly 0, 1, 0, 0: a still image is copied bit for bit, and the sinc's 0/0 is avoided.
 #[inline(always)]
 fn exact(f: f32, [w0, w1, w2, w3]: [f32; 4]) -> [f32; 4] {
     let or = |still: f32, weight: f32| if f == 0.0 { still } else { weight };

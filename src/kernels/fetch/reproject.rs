@@ -20,7 +20,7 @@ use std::ops::Range;
 use self::average::{Average, Grid, Quad, Taken, hold, wide_mean};
 use super::footprint::{Filter, Footprints, MIN_COVERAGE, Taps, Wide, WideLanes};
 use super::spans::{Span, Spans};
-use crate::image::{BandMut, Image, Pixels, Run, SEGMENT, Size, bands_of, segments};
+use crate::image::{BandMut, Image, Pixels, Run, SEGMENT, Size, plane_bands, segments};
 use crate::kernels::fetch::validate::Tests;
 use crate::pixels::{MotionLanes, MotionRun, PixelsMut, Row};
 use crate::rows::{self, Kernel, Outlined, Simd};
@@ -393,8 +393,10 @@ impl Reproject<'_> {
         rejection: Option<&'a mut [u8]>,
     ) {
         let size = self.motion.size;
-        let rejection = rows::optional(rejection.map(|rejection| bands_of(rejection, size)));
-        let outs = zip_all(values).zip(bands_of(coverage, size)).zip(rejection);
+        let rejection = rows::optional(rejection.map(|rejection| plane_bands(rejection, size)));
+        let outs = zip_all(values)
+            .zip(plane_bands(coverage, size))
+            .zip(rejection);
         let outs = outs.map(|((values, coverage), rejection)| (values, coverage, rejection));
         rows::run(self, size.height, outs);
     }

@@ -88,8 +88,15 @@ pub struct Splats<'a> {
 }
 
 impl<'a> Splats<'a> {
-    fn bands(self, width: usize, channels: usize) -> impl Iterator<Item = Splats<'a>> {
-        let band = BAND * width;
+    fn bands(self, size: Size, channels: usize) -> impl Iterator<Item = Splats<'a>> {
+        let lengths = [
+            self.color.len() / channels,
+            self.depth.len(),
+            self.offset.len() / 2,
+            self.quality.len(),
+        ];
+        assert_eq!(lengths, [size.pixels(); 4], "an output has another size");
+        let band = BAND * size.width;
         (self.color.chunks_mut(band * channels))
             .zip(self.depth.chunks_mut(band))
             .zip(self.offset.chunks_mut(band * 2))
@@ -125,7 +132,7 @@ pub fn splat(points: Points, cameras: [&Camera; 2], params: Params, splats: Spla
         points: lists,
         params,
     };
-    let outs = splats.bands(size.width, channels);
+    let outs = splats.bands(size, channels);
     rows::run(&gather, size.height, outs);
 }
 

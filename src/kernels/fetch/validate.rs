@@ -70,12 +70,12 @@ impl Threshold {
             let got = format!("({}, {})", self.full, self.none);
             return Err(Error::value(
                 name,
-                "the end of full trust below the start of none",
+                "a pair (full, none) with full ≤ none",
                 got,
             ));
         }
         if self.full < self.none && self.none == f32::INFINITY {
-            return Err(Error::value(name, "a ramp that ends", self.none));
+            return Err(Error::value(name, "a finite second threshold", self.none));
         }
         Ok(())
     }
@@ -165,7 +165,8 @@ impl Params {
 pub struct Surface<'a> {
     /// View-space z (1), +inf where nothing was hit.
     pub depth: Option<Pixels<'a>>,
-    /// World space (3); only directions count.
+    /// World space (3), unit length; zeros where nothing was hit. The tests of history compare directions alone; the filter's
+    /// guide also compares lengths.
     pub normal: Option<Pixels<'a>>,
     /// Id of object, mesh or material (1).
     pub ids: Option<Pixels<'a, u32>>,

@@ -29,10 +29,9 @@
 
 use std::ops::Range;
 
-use super::innovation;
 use crate::error::{Result, finite_from_0, from_0_to_1, in_range};
 use crate::image::{BandMut, Image, Pixels, Records, Run, SEGMENT, Size, View, segments};
-use crate::math::{larger, luminance, smaller};
+use crate::math::{black_level, larger, luminance, smaller};
 use crate::memory::prefetch;
 use crate::pixels::{Colors, Row};
 use crate::rows::{self, BAND, Kernel, Simd};
@@ -69,13 +68,8 @@ impl Params {
             "a number from 0",
             |v| v >= 0.0,
         )?;
-        check_share(self.share)
+        from_0_to_1("share", self.share)
     }
-}
-
-/// An error if β is out of range.
-pub(crate) fn check_share(share: f32) -> Result<()> {
-    from_0_to_1("share", share)
 }
 
 /// Side of a tile in pixels; divides [`SEGMENT`].
@@ -137,7 +131,7 @@ pub fn compare(
     let compare = Compare {
         fresh,
         candidates,
-        black: innovation::black(exposure),
+        black: black_level(exposure),
         usual,
     };
     rows::run(&compare, size.height, evidence.data_mut().chunks_mut(band));

@@ -203,7 +203,8 @@ fn differ(size: Size, pair: impl Fn(usize, usize) -> bool + Sync) -> bool {
     pairs::count(size, pair) as f32 > THIN * all as f32
 }
 
-/// What tells surfaces apart in incoherent tiles, beside depth. Without a mask of those whose albedo is a reflectance, all are.
+/// Replacement ids for incoherent tiles: demodulated surfaces, other surfaces, background. Without a mask all surfaces count as
+/// demodulated.
 pub fn coarse_ids(ids: Pixels<u32>, reflects: Option<View<u8>>) -> Image<u32> {
     let mut coarse = Image::blank(ids.size, 1);
     rows::run(&Coarsen { ids, reflects }, ids.size.height, coarse.bands());

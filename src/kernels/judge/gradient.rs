@@ -17,7 +17,7 @@
 use std::ops::Range;
 
 use crate::error::{Result, Whole, finite_from_0, whole};
-use crate::image::{BandMut, Image, Pixels, Run, Size, View, bands_of};
+use crate::image::{BandMut, Image, Pixels, Run, Size, View, plane_bands};
 use crate::lanes::LANES;
 use crate::math::{is_present, larger, luminance, saturate};
 use crate::pixels::STRIP;
@@ -106,7 +106,11 @@ pub fn temporal_gradient(
     let bands = found.data_mut().chunks_mut(BAND * cells.width);
     let jobs = rows::tall_jobs(cells.height, reach(blurs.widest), bands);
     rows::run_jobs(&kernel, jobs);
-    rows::run(&Spread(found.view()), size.height, bands_of(gradient, size));
+    rows::run(
+        &Spread(found.view()),
+        size.height,
+        plane_bands(gradient, size),
+    );
 }
 
 /// Writes the gradient of each cell to its pixels.

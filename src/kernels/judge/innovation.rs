@@ -45,7 +45,7 @@ use self::evidence::{Gather, LocalLight, Pool};
 use self::shrinkage::{Shrink, Subtract, upsample_columns, upsample_rows};
 use crate::error::{Result, Whole, finite_from_0, in_range, whole};
 use crate::image::{Image, Pixels, Records, Run, SEGMENT, Size, segments};
-use crate::math::{larger, smaller};
+use crate::math::{black_level, larger, smaller};
 use crate::pixels::{Colors, PixelsMut, Row};
 use crate::rows::{self, Kernel, Simd};
 
@@ -98,9 +98,6 @@ impl Params {
 /// Channels of evidence: E and its variance.
 pub const CHANNELS: usize = 4;
 
-/// Black level relative to the exposure.
-const BLACK: f32 = 1.0 / 16.0;
-
 /// Size of the evidence for images of this size.
 pub fn evidence_size(size: Size) -> Size {
     Size {
@@ -125,11 +122,6 @@ pub struct Known<'a> {
     pub motion: Option<Pixels<'a>>,
 }
 
-/// The black level added to l in r: far below it, differences count as absolute instead of relative.
-pub(crate) fn black(exposure: f32) -> f32 {
-    (exposure * BLACK).max(f32::MIN_POSITIVE)
-}
-
 /// Estimates the error of a prediction; returns the correction and the evidence for the next frame.
 pub fn innovation(
     fresh: &impl Colors,
@@ -139,7 +131,7 @@ pub fn innovation(
     exposure: f32,
     params: Params,
 ) -> (Innovation, Records) {
-    let black = black(exposure);
+    let black = black_level(exposure);
     let size = evidence_size(length.size);
     let around = params
         .sparse

@@ -25,7 +25,7 @@ const BLOCKS: usize = 8;
 const ROWS: usize = 128;
 /// Coverage above which history is known.
 const KNOWN: f32 = 0.9;
-/// Of so many of a block's pixels that are looked at, one must be known.
+/// Of so many inspected pixels of a block, history must be known in at least one.
 const SPARSE: f32 = 16.0;
 /// Blocks that must tell.
 const FEWEST: usize = BLOCKS * BLOCKS / 4;

@@ -250,8 +250,16 @@ pub(crate) fn count_missing([r, g, b]: [&[f32]; 3]) -> usize {
         .count()
 }
 
+/// Shortens the lengths of a history where its light has changed.
 #[inline(always)]
-pub(crate) fn tenth_power(x: f32) -> f32 {
+pub(crate) fn shorten(lengths: &mut Row, changes: &Row) {
+    for (length, &change) in lengths.iter_mut().zip(changes) {
+        *length *= tenth_power(1.0 - change);
+    }
+}
+
+#[inline(always)]
+fn tenth_power(x: f32) -> f32 {
     let square = x * x;
     let fourth = square * square;
     fourth * fourth * square

@@ -38,9 +38,9 @@ pub enum Weighting {
     Luminance,
 }
 
-/// A luminance that is not much more than those around counts as it is.
+/// Luminances up to so many times the local mean are not reduced.
 const AROUND: f32 = 4.0;
-/// No sum of an exposure and a luminance overflows by luminances around of no more than this.
+/// Cap on luminances, so that sums cannot overflow.
 const BRIGHTEST: f32 = 1e30;
 
 /// How colours are weighed beside α.

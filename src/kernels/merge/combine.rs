@@ -18,10 +18,9 @@
 
 use std::ops::Range;
 
-use super::accumulate::{CHANNELS, Part, load_history, load_shares, tenth_power};
+use super::accumulate::{CHANNELS, Part, load_history, load_shares, shorten};
 use crate::image::{Pixels, SEGMENT, View, segments};
-use crate::kernels::judge::innovation;
-use crate::math::{is_present, larger, luminance};
+use crate::math::{black_level, is_present, larger, luminance};
 use crate::pixels::Row;
 use crate::rows::{self, Kernel, Simd};
 
@@ -44,7 +43,7 @@ pub fn combine<'a, const PARTS: usize>(
         first,
         second,
         gradient,
-        black: exposure.map(innovation::black),
+        black: exposure.map(black_level),
     };
     rows::run(&kernel, first[0].size.height, combined);
 }
@@ -69,7 +68,7 @@ impl<'a, const PARTS: usize> Kernel for Combine<'a, PARTS> {
             if let Some(gradient) = self.gradient {
                 load_shares(gradient, run, &mut changes);
             }
-            shorten(&changes, &mut second);
+            shorten(&mut second[5], &changes);
             if let Some(black) = self.black {
                 hold_spikes(black, &mut first, &mut second);
             }
@@ -78,14 +77,6 @@ impl<'a, const PARTS: usize> Kernel for Combine<'a, PARTS> {
                 part.write(run, first[channels.clone()].iter().map(Row::as_slice));
             }
         }
-    }
-}
-
-/// Shortens a history where its light has changed.
-#[inline(always)]
-pub(crate) fn shorten(changes: &Row, history: &mut [Row; CHANNELS]) {
-    for (length, &change) in history[5].iter_mut().zip(changes) {
-        *length *= tenth_power(1.0 - change);
     }
 }
 

@@ -21,8 +21,7 @@ use std::ops::Range;
 use crate::error::{Result, finite_from_0};
 use crate::image::{BandMut, Image, Pixels, Run, SEGMENT, Size, segments};
 use crate::kernels::judge::choice::{Levels, TILE, tiles};
-use crate::kernels::judge::innovation::black;
-use crate::math::{larger, luminance};
+use crate::math::{black_level, larger, luminance};
 use crate::pixels::Row;
 use crate::rows::{self, BAND, Kernel, Simd};
 
@@ -51,7 +50,7 @@ pub fn converge(shown: &mut [f32], history: [Pixels; 3], exposure: f32, strictne
         tiles(size),
         Still {
             history,
-            black: black(exposure),
+            black: black_level(exposure),
         },
     );
     let result = Pixels::records(size, 3, shown);

@@ -40,7 +40,7 @@ use super::guide::{Guide, Sigmas};
 use super::variance::floored;
 use crate::bordered::{Bordered, BorderedBand, Layout};
 use crate::error::{Result, Whole, finite_from_0, in_range, whole};
-use crate::image::{BandMut, Pixels, Run, SEGMENT, Size, bands_of, segments};
+use crate::image::{BandMut, Pixels, Run, SEGMENT, Size, plane_bands, segments};
 use crate::math::{is_present, larger, luminance};
 use crate::pixels::{Colors, PixelsMut, Row};
 use crate::rows::{self, Kernel, Simd};
@@ -162,8 +162,8 @@ pub fn atrous<'a>(
     for iteration in 0..params.iterations {
         image.filter(guide, params, iteration, &(), std::iter::repeat(()));
     }
-    let variances = bands_of(filtered_variance, size);
-    let predictions = filtered_prediction.map(|prediction| bands_of(prediction, size));
+    let variances = plane_bands(filtered_variance, size);
+    let predictions = filtered_prediction.map(|prediction| plane_bands(prediction, size));
     let outs = filtered.zip(variances).zip(rows::optional(predictions));
     let outs = outs.map(|((color, variance), prediction)| Outs {
         color,

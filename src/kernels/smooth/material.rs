@@ -41,7 +41,7 @@ pub struct Materials {
 }
 
 impl Materials {
-    /// The materials of a frame, of which nothing but the albedo tells.
+    /// Classifies the materials of a frame without ids by its albedo.
     pub fn of(albedo: Pixels, surfaces: Option<&Surfaces>, guide: &Surface) -> Self {
         let (size, mask) = (albedo.size, surfaces.map(Surfaces::mask));
         let mut all = Image::blank(size, 1);

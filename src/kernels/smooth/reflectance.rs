@@ -20,7 +20,7 @@
 //!
 //! Inputs: albedo (3); ids (1), or normal (3) and depth (1). Values that are not finite count as 0.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::ops::Range;
 
 use super::regions::regions;
@@ -130,7 +130,7 @@ impl Surfaces {
     }
 
     /// The ids of surfaces that are in both frames, but with a reflectance in only one.
-    pub fn changed(&self, before: &Self) -> Vec<u32> {
+    pub fn changed(&self, before: &Self) -> HashSet<u32> {
         let differs =
             |(id, now): &(&u32, &bool)| before.reflecting.get(id).is_some_and(|then| then != *now);
         (self.reflecting.iter())

@@ -12,8 +12,9 @@
 
 use std::ops::Range;
 
-use crate::error::{Result, from_0_to_1, in_range};
+use crate::error::{Result, from_0_to_1};
 use crate::image::{Pixels, Run, SEGMENT, segments};
+use crate::kernels::judge::exposure;
 use crate::math::{inverse_tone_map, is_present, larger, max_channel, smaller, tone_map};
 use crate::pixels::{PixelsMut, Rolling, Row};
 use crate::rows::{self, Kernel, Simd};
@@ -30,15 +31,9 @@ pub struct Params {
 impl Params {
     /// An error if a parameter is out of range.
     pub fn check(&self) -> Result<()> {
-        check_strength("strength", self.strength)?;
-        in_range("exposure", self.exposure, "a finite number above 0", |v| {
-            v > 0.0 && v.is_finite()
-        })
+        from_0_to_1("strength", self.strength)?;
+        exposure::check(self.exposure)
     }
-}
-
-pub(crate) fn check_strength(name: &str, strength: f32) -> Result<()> {
-    from_0_to_1(name, strength)
 }
 
 /// The strongest λ.

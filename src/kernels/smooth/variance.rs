@@ -11,7 +11,7 @@ use std::ops::Range;
 
 use super::guide::{Center, Comparison, Guide, Sigmas};
 use crate::error::{Result, Whole, in_range, whole};
-use crate::image::{BandMut, Pixels, bands_of, segments};
+use crate::image::{BandMut, Pixels, plane_bands, segments};
 use crate::lanes::{LANES, Lanes, Mask, Tap};
 use crate::math::exp2_weights;
 use crate::pixels::Rolling;
@@ -87,7 +87,7 @@ pub(crate) struct Around {
 /// Writes the variance.
 pub fn estimate_variance(estimate: &Estimate, variance: &mut [f32]) {
     let size = estimate.moments.size;
-    rows::run(estimate, size.height, bands_of(variance, size));
+    rows::run(estimate, size.height, plane_bands(variance, size));
 }
 
 impl<'a> Kernel for Estimate<'a> {

@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use super::Pipeline;
 use crate::error::{Error, Result};
-use crate::image::{BandMut, Pixels, Run, SEGMENT, Size, View, bands_of, check_length};
+use crate::image::{BandMut, Pixels, Run, SEGMENT, Size, View, check_length, plane_bands};
 use crate::kernels::merge::accumulate::{CHANNELS, load_history};
 use crate::pixels::Row;
 use crate::rows::{self, BAND, Kernel, Simd};
@@ -36,8 +36,8 @@ pub struct Output<'a> {
     pub rejection: &'a mut [u8],
     /// The filter passes that each pixel shows, for pipelines that choose their number.
     pub choice: Option<&'a mut [f32]>,
-    /// Two elements for each pixel: along which motion an output stage finds in the frame before what is seen in this one;
-    /// for denoisers that look for reflections and have no stage of their own.
+    /// Two elements for each pixel: motion to the previous frame, for a separate output stage. It follows the reflection where
+    /// the history of the reflection was used.
     pub motion: Option<&'a mut [f32]>,
 }
 
@@ -72,9 +72,9 @@ impl Output<'_> {
 
     /// The colour, and the report band by band.
     pub(in crate::pipelines) fn parts(&mut self, size: Size) -> (&mut [f32], Vec<Report<'_>>) {
-        let report = (bands_of(self.history_length, size))
-            .zip(bands_of(self.confidence, size))
-            .zip(bands_of(self.rejection, size))
+        let report = (plane_bands(self.history_length, size))
+            .zip(plane_bands(self.confidence, size))
+            .zip(plane_bands(self.rejection, size))
             .map(|((history_length, confidence), rejection)| Report {
                 history_length,
                 confidence,

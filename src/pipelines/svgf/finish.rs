@@ -4,8 +4,7 @@ use std::ops::Range;
 
 use super::passes::Passes;
 use super::{Current, Shown};
-use crate::image::{BandMut, Image, Pixels, Records, Run, SEGMENT, View, bands_of, segments};
-use crate::kernels::fetch::validate::Tests;
+use crate::image::{BandMut, Image, Pixels, Records, Run, SEGMENT, View, plane_bands, segments};
 use crate::kernels::judge::innovation::{Innovation, corrected};
 use crate::kernels::merge::accumulate;
 use crate::kernels::smooth::demodulate::{Texture, Way};
@@ -38,12 +37,13 @@ pub fn finish(
         blacken: antialias.is_none(),
     };
     let mut aliased = (antialias.is_some()).then(|| Image::blank(size, 3));
-    let colors: Box<dyn Iterator<Item = _>> = match (&mut aliased, &mut show) {
-        (Some(image), _) => Box::new(image.bands().map(PixelsMut::Planar).map(Some)),
-        (None, Some(color)) => Box::new(PixelsMut::bands(size, 3, color).map(Some)),
-        (None, None) => Box::new(std::iter::repeat_with(|| None)),
+    let colors: Option<Vec<_>> = match (&mut aliased, &mut show) {
+        (Some(image), _) => Some(image.bands().map(PixelsMut::Planar).collect()),
+        (None, Some(color)) => Some(PixelsMut::bands(size, 3, color).collect()),
+        (None, None) => None,
     };
-    let variances = rows::optional(variance.map(|variance| bands_of(variance, size)));
+    let colors = rows::optional(colors.map(Vec::into_iter));
+    let variances = rows::optional(variance.map(|variance| plane_bands(variance, size)));
     let histories = PixelsMut::bands(size, accumulate::CHANNELS, history.data_mut());
     let lights = rows::optional(light.map(|light| PixelsMut::bands(size, 3, light.data_mut())));
     let outs = colors.zip(variances).zip(histories).zip(lights);
@@ -67,11 +67,7 @@ pub fn finish(
             corrects: now.params.history.innovation.is_some(),
             weight: None,
             repeats: now.repeats,
-            others: Others {
-                tests: Tests::none(),
-                report: None,
-                confidence: Some(confidence),
-            },
+            others: Others::by_confidence(confidence),
         };
         stage.show(&frame, now.before.as_ref(), motion, denoised, show);
     }

@@ -1,7 +1,9 @@
 //! What comes before the filter: a frame's illumination joins the history.
 
 use super::{Current, Reports};
-use crate::image::{BandMut, Image, Pixels, Records, Run, SEGMENT, View, bands_of, deinterleave};
+use crate::image::{
+    BandMut, Image, Pixels, Records, Run, SEGMENT, View, deinterleave, plane_bands,
+};
 use crate::kernels::fetch::reproject::{Fetch, Fetched};
 use crate::kernels::merge::accumulate::{self, CHANNELS, History, Images, Samples, accumulate};
 use crate::kernels::smooth::lend;
@@ -91,7 +93,7 @@ pub fn merge_at_once(now: &Current, memory: Option<Memory>, reports: &mut Report
     };
     let mut history = Records::blank(size, CHANNELS);
     let outs = merged(&mut history, reports.history_length);
-    let known = bands_of(reports.confidence, size).zip(bands_of(reports.rejection, size));
+    let known = plane_bands(reports.confidence, size).zip(plane_bands(reports.rejection, size));
     let missing = accumulate(samples, &along, now.accumulate, outs, known);
     Merged {
         history,

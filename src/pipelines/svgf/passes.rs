@@ -241,9 +241,9 @@ struct Keep<'a> {
     usual: u32,
     /// Passes that are run.
     most: u32,
-    /// Of the frames before.
+    /// Confidence of the history of earlier frames.
     confidence: View<'a>,
-    /// Of the frames on all sides.
+    /// History length, later frames included.
     length: View<'a>,
     /// Whether texture is divided out of the light.
     textured: bool,

@@ -11,12 +11,13 @@
 use std::ops::Range;
 
 use super::{Current, Reports};
-use crate::image::{BandMut, Image, Pixels, Records, Run, SEGMENT, Size, View, bands_of, segments};
+use crate::image::{
+    BandMut, Image, Pixels, Records, Run, SEGMENT, Size, View, plane_bands, segments,
+};
 use crate::kernels::judge::exposure::exposure;
-use crate::kernels::judge::innovation::black;
-use crate::kernels::merge::accumulate::{CHANNELS, load_shares};
-use crate::kernels::merge::combine::{combine_rows, hold_spikes, shorten};
-use crate::math::{larger, luminance, smaller};
+use crate::kernels::merge::accumulate::{CHANNELS, load_shares, shorten};
+use crate::kernels::merge::combine::{combine_rows, hold_spikes};
+use crate::math::{black_level, larger, luminance, smaller};
 use crate::pipelines::frame::History;
 use crate::pipelines::recall::Recalled;
 use crate::pixels::{PixelsMut, Row};
@@ -65,12 +66,12 @@ pub fn join(
         },
         longest: 1.0 / now.accumulate.alpha - 1.0,
         history: history.pixels(),
-        later: later.map(|later| (later, black(exposure(history.pixels().part(0..3))))),
+        later: later.map(|later| (later, black_level(exposure(history.pixels().part(0..3))))),
     };
     let histories = (joined.as_mut()).map(|all| PixelsMut::bands(size, CHANNELS, all.data_mut()));
     let outs = rows::optional(histories)
         .zip(rows::optional(prediction.as_mut().map(Image::bands)))
-        .zip(bands_of(reports.history_length, size));
+        .zip(plane_bands(reports.history_length, size));
     let outs = outs.map(|((history, prediction), length)| Outs {
         history,
         prediction,
@@ -83,10 +84,10 @@ pub fn join(
     }
 }
 
-/// How sure the surer side is of its history, and the tests that failed on both.
+/// Joins the reports: the higher confidence, and the tests that failed on both sides.
 pub fn join_reports(later: &History, reports: &mut Reports) {
     let size = later.confidence.size();
-    let outs = bands_of(reports.confidence, size).zip(bands_of(reports.rejection, size));
+    let outs = plane_bands(reports.confidence, size).zip(plane_bands(reports.rejection, size));
     rows::run(later, size.height, outs);
 }
 
@@ -140,7 +141,7 @@ impl<'a> Expected<'a> {
             .read(run, into.each_mut().map(Row::as_mut_slice));
         if let Some(gradient) = self.gradient {
             load_shares(gradient, run, changes);
-            shorten(changes, into);
+            shorten(&mut into[5], changes);
         }
     }
 }

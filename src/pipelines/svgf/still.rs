@@ -52,7 +52,7 @@ pub struct Still {
     mean: Records,
     /// The means of albedo, emission and normal over as many frames, of those that there are.
     guides: [Option<Records>; 3],
-    /// The innovation of the mean that was found and not corrected.
+    /// Evidence of the innovation of the mean, carried to the next frame.
     evidence: Option<Records>,
 }
 
@@ -96,17 +96,17 @@ impl Still {
             now.frame.surface.normal,
         ];
         let [_, _, number] = parts(&merged);
-        let averaged = fresh.into_iter().zip(guides).map(|(fresh, mean)| {
-            let fresh = fresh?;
+        let mut guides = guides.into_iter();
+        let guides = fresh.map(|fresh| {
+            let (fresh, mean) = (fresh?, guides.next().flatten());
             let mut mean = mean.unwrap_or_else(|| fresh.to_records());
             let rows = mean.data_mut().chunks_mut(BAND * 3 * size.width);
             rows::run(&Average { fresh, number }, size.height, rows);
             Some(mean)
         });
-        let mut averaged = averaged.collect::<Vec<_>>().into_iter();
         Self {
             frames: before.frames + 1,
-            guides: array::from_fn(|_| averaged.next().flatten()),
+            guides,
             mean: merged,
             evidence: before.evidence,
         }

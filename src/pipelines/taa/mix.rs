@@ -28,8 +28,7 @@ use crate::kernels::fetch::footprint::Filter;
 use crate::kernels::fetch::validate::Tests;
 use crate::kernels::judge::choice::Levels;
 use crate::kernels::judge::collocation::{self, Luminances, PLANES, SHARES, collocate};
-use crate::kernels::judge::innovation::black;
-use crate::math::{is_present, larger, luminance};
+use crate::math::{black_level, is_present, larger, luminance};
 use crate::pipelines::correction::scale;
 use crate::pixels::{Colors, Row};
 use crate::rows::{self, BAND, Kernel, Simd};
@@ -120,7 +119,7 @@ pub fn mix(
     }
     let held = Held {
         samples,
-        black: black(exposure),
+        black: black_level(exposure),
     };
     let (mut shares, mut evidence, mut samples_before) = (None, None, None);
     if let Some(luminances) = before.luminances.take() {

@@ -30,9 +30,9 @@ use crate::kernels::fetch::reproject::{Fetch, Fetched};
 use crate::kernels::judge::alternation::hold;
 use crate::kernels::judge::anti_lag;
 use crate::kernels::judge::neighborhood::Window;
-use crate::kernels::merge::accumulate::{count_missing, load_shares, tenth_power};
+use crate::kernels::merge::accumulate::{count_missing, load_shares, shorten};
 use crate::kernels::merge::blend::{Weighting, mix, reduce_flicker, weigh_by_local_tone};
-use crate::math::{Color, is_present, larger, luminance};
+use crate::math::{Color, black_level, is_present, larger, luminance};
 use crate::pipelines::frame::{Report, blacken_missing};
 use crate::pixels::{MotionLanes, MotionRun, PixelsMut, Row, lanes};
 use crate::rows::{self, BAND, Kernel, Simd};
@@ -133,7 +133,7 @@ impl Sweep<'_> {
         if confidence.iter().all(|&known| known > 0.0) {
             return;
         }
-        let least = self.params.clip.exposure / 16.0;
+        let least = black_level(self.params.clip.exposure);
         let colors = window.colors.own(run);
         let light = |rows: [&[f32]; 3], i: usize| luminance(rows[0][i], rows[1][i], rows[2][i]);
         for i in 0..run.len {
@@ -166,9 +166,7 @@ impl Sweep<'_> {
         let mut changes = [0.0; SEGMENT];
         if let Some(gradient) = self.gradient {
             load_shares(gradient, run, &mut changes);
-            for (length, change) in length.iter_mut().zip(&changes) {
-                *length *= tenth_power(1.0 - change);
-            }
+            shorten(length, &changes);
         }
         warm_up(colors, 1.0 / params.alpha, factors, length);
         if self.gradient.is_some() {
