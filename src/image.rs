@@ -119,7 +119,7 @@ impl<'a, T: Copy + Default> Pixels<'a, T> {
     /// If the size is empty or too large, or the data have another length.
     pub fn interleaved(size: Size, channels: usize, data: &'a [T]) -> Result<Self> {
         check_data(size, channels, data.len())?;
-        Ok(Self::records(size, channels, data))
+        Ok(Self::of_interleaved(size, channels, data))
     }
 
     /// Height and width.
@@ -280,7 +280,7 @@ impl<'a, T> From<View<'a, T>> for Pixels<'a, T> {
 
 impl<'a, T: Copy + Default> Pixels<'a, T> {
     /// A view of interleaved data of the right length.
-    pub(crate) fn records(size: Size, channels: usize, data: &'a [T]) -> Self {
+    pub(crate) fn of_interleaved(size: Size, channels: usize, data: &'a [T]) -> Self {
         assert_eq!(data.len(), size.pixels() * channels);
         Self {
             size,
@@ -421,13 +421,13 @@ impl<'a, T: Copy + Default> Pixels<'a, T> {
 
 impl<T: Value> Pixels<'_, T> {
     /// An interleaved copy.
-    pub(crate) fn to_records(self) -> Records<T> {
+    pub(crate) fn to_interleaved(self) -> Interleaved<T> {
         if self.strides[0] != self.channels {
             assert_eq!(self.strides[0], 1, "a part of an interleaved image");
             let planes = &self.data[..self.size.pixels() * self.channels];
-            return Records::of(View::new(self.size, self.channels, planes));
+            return Interleaved::of(View::new(self.size, self.channels, planes));
         }
-        let mut records = Records::blank(self.size, self.channels);
+        let mut records = Interleaved::blank(self.size, self.channels);
         let band = BAND * self.size.width * self.channels;
         let outs = self.data.chunks(band).zip(records.data.chunks_mut(band));
         rows::run(&Copies(PhantomData), self.size.height, outs);
@@ -524,13 +524,13 @@ fn few<T: Copy + Default, const N: usize>(rest: &[T]) -> [T; N] {
 
 /// An owned interleaved image.
 #[derive(Clone, Debug)]
-pub struct Records<T: Value = f32> {
+pub struct Interleaved<T: Value = f32> {
     pub(crate) size: Size,
     channels: usize,
     data: Memory<T>,
 }
 
-impl<T: Value> Records<T> {
+impl<T: Value> Interleaved<T> {
     pub(crate) fn new(size: Size, channels: usize) -> Self {
         Self {
             size,
@@ -562,7 +562,7 @@ impl<T: Value> Records<T> {
 
     /// The image as an argument of kernels, which take either layout.
     pub fn pixels(&self) -> Pixels<'_, T> {
-        Pixels::records(self.size, self.channels, &self.data)
+        Pixels::of_interleaved(self.size, self.channels, &self.data)
     }
 }
 
@@ -817,7 +817,8 @@ mod tests {
         for (height, width) in [(1, 1), (1, 7), (33, 5), (16, 1), (17, 3)] {
             for channels in 1..5 {
                 let data: Vec<f32> = (0..height * width * channels).map(|i| i as f32).collect();
-                let image = Pixels::records(Size { height, width }, channels, &data).to_planes();
+                let image =
+                    Pixels::of_interleaved(Size { height, width }, channels, &data).to_planes();
                 assert_eq!(image.plane(channels - 1)[0], (channels - 1) as f32);
                 let mut back = vec![0.0; data.len()];
                 image.view().interleave(&mut back);

@@ -88,7 +88,7 @@ mod rows;
 mod tiles;
 
 pub use glam;
-pub use image::{BandMut, Image, Pixels, Records, Size, Value, View};
+pub use image::{BandMut, Image, Interleaved, Pixels, Size, Value, View};
 pub use memory::OutOfMemory;
 pub use pixels::PixelsMut;
 pub use rows::Settings;

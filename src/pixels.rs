@@ -20,18 +20,18 @@ pub enum PixelsMut<'a> {
     /// Planar.
     Planar(BandMut<'a>),
     /// Interleaved.
-    Interleaved(RecordsMut<'a>),
+    Interleaved(InterleavedMut<'a>),
 }
 
 /// A band of rows of an interleaved image.
-pub struct RecordsMut<'a> {
+pub struct InterleavedMut<'a> {
     top: usize,
     width: usize,
     channels: usize,
     data: &'a mut [f32],
 }
 
-impl RecordsMut<'_> {
+impl InterleavedMut<'_> {
     #[inline(always)]
     fn start(&self, run: Run) -> usize {
         ((run.y - self.top) * self.width + run.x) * self.channels
@@ -77,7 +77,7 @@ impl<'a> PixelsMut<'a> {
         rows::bands(size.height)
             .zip(bands)
             .map(move |(rows, data)| {
-                PixelsMut::Interleaved(RecordsMut {
+                PixelsMut::Interleaved(InterleavedMut {
                     top: rows.start,
                     width,
                     channels,
@@ -112,7 +112,7 @@ impl<'a> PixelsMut<'a> {
                     height: 1,
                     width: run.len,
                 };
-                let pixels = Pixels::records(size, band.channels, band.part(run));
+                let pixels = Pixels::of_interleaved(size, band.channels, band.part(run));
                 pixels.colors(Run::row(0, run.len), into);
             }
         }

@@ -402,7 +402,7 @@ impl<'py, T: Number> Input<'py, T> {
     pub fn pixels(&self) -> Pixels<'_, T> {
         let data = self.array.as_slice();
         let data = data.expect("contiguity was established by `array`");
-        Pixels::records(self.size, self.channels, data)
+        Pixels::of_interleaved(self.size, self.channels, data)
     }
 
     pub fn array(self) -> Bound<'py, PyArrayDyn<T>> {

@@ -6,7 +6,7 @@ use pyo3::prelude::*;
 
 use super::arrays::{COLOR, Channels, Direct, Input, MOTION, Out, detached, parts};
 use crate::error::{Error, from_0_to_1, whole};
-use crate::image::{Records, plane_bands};
+use crate::image::{Interleaved, plane_bands};
 use crate::kernels::judge::{choice, collocation, exposure, prediction, repetition};
 
 /// Choose the best of several predictions, tile by tile, by the evidence of earlier frames.
@@ -225,8 +225,8 @@ pub fn compare_candidates<'py>(
             let candidates = candidates.to_planes();
             let views: Vec<_> = (0..count).map(|k| candidates.view().channel(k)).collect();
             let mut sums = match evidence {
-                Some(evidence) => evidence.to_records(),
-                None => Records::new(tiles, numbers),
+                Some(evidence) => evidence.to_interleaved(),
+                None => Interleaved::new(tiles, numbers),
             };
             choice::compare(&color, &views, exposure, usual, &mut sums);
             after.copy_from_slice(sums.pixels().elements().0);
@@ -300,7 +300,7 @@ pub fn collocate_<'py>(
         let evidence = evidence.as_ref().map(|evidence| evidence.pixels());
         out.fill(py, &shape, |after| {
             let mut sums = match evidence {
-                Some(evidence) => evidence.to_records(),
+                Some(evidence) => evidence.to_interleaved(),
                 None => collocation::nothing(planes.size),
             };
             collocation::collocate(&planes, exposure, &mut sums);

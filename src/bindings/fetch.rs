@@ -8,10 +8,10 @@ use super::arrays::{Channels, Direct, Input, MOTION, Out, choice, detached, part
 use super::camera::Camera;
 use super::validate::SurfaceArgs;
 use crate::error::Error;
-use crate::image::{Records, Size};
+use crate::image::{Interleaved, Size};
 use crate::kernels::fetch::claims::claims;
 use crate::kernels::fetch::footprint::Filter;
-use crate::kernels::fetch::reproject::{self, reproject_records};
+use crate::kernels::fetch::reproject::{self, reproject_interleaved};
 use crate::kernels::fetch::validate::{self, Threshold};
 
 /// Reprojection: fetches history along motion vectors, each tap validated.
@@ -226,8 +226,8 @@ pub fn reproject_<'py>(
                     dering,
                 };
                 let claims = before.map(|before| claims(motion, before));
-                let tests = tests.with_claims(claims.as_ref().map(Records::pixels));
-                reproject_records(&history, motion, tests, params, values, coverage);
+                let tests = tests.with_claims(claims.as_ref().map(Interleaved::pixels));
+                reproject_interleaved(&history, motion, tests, params, values, coverage);
             })?;
         }
         (values, coverage)

@@ -474,7 +474,7 @@ pub fn converge_<'py>(
         let out = Out::given(out, &shape)?;
         let (color, history) = (color.pixels(), history.each_ref().map(Input::pixels));
         out.fill(py, &shape, |shown| {
-            shown.copy_from_slice(color.to_records().data_mut());
+            shown.copy_from_slice(color.to_interleaved().data_mut());
             converge::converge(shown, history, exposure, strictness);
         })?
     };

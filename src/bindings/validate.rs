@@ -7,7 +7,7 @@ use pyo3::prelude::*;
 use super::arrays::{COLOR, Channels, Direct, Input, MOTION, Number, Out, detached, needs, parts};
 use super::camera::{Camera, check_size};
 use crate::error::Error;
-use crate::image::{Pixels, Records, plane_bands};
+use crate::image::{Interleaved, Pixels, plane_bands};
 use crate::kernels::camera::pinhole;
 use crate::kernels::fetch::claims::claims;
 use crate::kernels::fetch::validate::{self, Surface, Tests, Threshold};
@@ -304,7 +304,7 @@ pub fn consistency_<'py>(
             let (rejection, confidence) = (rejection.data()?, confidence.data()?);
             detached(py, || {
                 let claims = before.map(|before| claims(motion, before));
-                let tests = tests.with_claims(claims.as_ref().map(Records::pixels));
+                let tests = tests.with_claims(claims.as_ref().map(Interleaved::pixels));
                 let outs = plane_bands(rejection, size).zip(plane_bands(confidence, size));
                 consistency::consistency(motion, tests, outs);
             })?;

@@ -22,7 +22,7 @@ use super::smooth::{
     atrous, demodulate, fireflies, history_fix, joint_bilateral, lend, morphological, reflectance,
     regress, sharpen, variance,
 };
-use crate::image::{Image, Records, Size, plane_bands};
+use crate::image::{Image, Interleaved, Size, plane_bands};
 use crate::pixels::PixelsMut;
 
 /// A fraction of the usual number of cases: images have many pixels, and tests are not optimised.
@@ -316,13 +316,13 @@ proptest! {
             motion_difference: draw.bounds(&[0.0, 0.5, 1e6]),
         };
         let claims = draw.coin().then(|| claims::claims(motion.pixels(), draw.wild(2).pixels()));
-        let claims = claims.as_ref().map(Records::pixels);
+        let claims = claims.as_ref().map(Interleaved::pixels);
         let tests = || Tests::new(now.surface(), before.surface(), Some(rays), &params).with_claims(claims);
         let way = reproject::Params { filter: draw.of(&Filter::NAMES).1, fallback: draw.coin(), dering: true };
-        let records = Records::of(history.view());
+        let records = Interleaved::of(history.view());
         let mut values = vec![f32::NAN; 3 * n];
         let mut coverage = vec![f32::NAN; n];
-        reproject::reproject_records(&[records.pixels()], motion.pixels(), tests(), way, vec![&mut values], &mut coverage);
+        reproject::reproject_interleaved(&[records.pixels()], motion.pixels(), tests(), way, vec![&mut values], &mut coverage);
         let covered = values.chunks(3).zip(&coverage).filter(|(_, share)| **share > 0.0);
         let covered: Vec<_> = covered.flat_map(|(pixel, _)| pixel).copied().collect();
         in_range_of(&covered, &[&history], false)?;
@@ -441,7 +441,7 @@ proptest! {
         };
         let small = innovation::evidence_size(size);
         let (length, evidence) = (draw.wild(1), draw.wild_of(small, innovation::CHANNELS));
-        let evidence = Records::of(evidence.view());
+        let evidence = Interleaved::of(evidence.view());
         for (color, prediction) in [(draw.wild(3), draw.wild(3)), (draw.tame(3, 8.0), draw.tame(3, 8.0))] {
             let (fresh, p) = (color.pixels(), prediction.pixels());
             let known = innovation::Known { evidence: evidence.pixels(), motion: Some(motion.pixels()) };
@@ -463,7 +463,7 @@ proptest! {
         let usual = draw.next() as usize % count;
         let tiles = choice::tiles(size);
         let sums = draw.wild_of(tiles, choice::channels(count));
-        let mut sums = Records::of(sums.view());
+        let mut sums = Interleaved::of(sums.view());
         let (color, candidates, coverage) = (draw.wild(3), draw.wild(count), draw.wild(1));
         let views: Vec<_> = (0..count).map(|k| candidates.view().channel(k)).collect();
         choice::compare(&color.pixels(), &views, light, usual, &mut sums);
@@ -472,7 +472,7 @@ proptest! {
         prop_assert!(chosen.plane(0).iter().all(|&k| (0.0..count as f32).contains(&k)));
 
         let products = draw.wild_of(tiles, collocation::CHANNELS);
-        let mut products = Records::of(products.view());
+        let mut products = Interleaved::of(products.view());
         let planes = draw.wild(collocation::PLANES);
         collocation::collocate(&planes.pixels(), light, &mut products);
         let (shares, _) = collocation::shares(products.pixels(), motion.pixels(), coverage.view(), draw.of(&SHARES));

@@ -21,7 +21,7 @@ use super::recall::{self, Memory, Recalled};
 use super::repetition::Noise;
 use super::taa::{self, Denoised, Others, Stage};
 use crate::error::{Result, from_0_to_1};
-use crate::image::{Image, Pixels, Records, View};
+use crate::image::{Image, Interleaved, Pixels, View};
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::fetch::validate;
 use crate::kernels::judge::exposure::exposure;
@@ -111,7 +111,7 @@ const FITS: Range<usize> = accumulate::CHANNELS..accumulate::CHANNELS + 3;
 struct State {
     memory: Memory,
     /// Evidence of the innovation, carried to the next frame.
-    evidence: Option<Records>,
+    evidence: Option<Interleaved>,
     /// Of the samples, if they are mixed in or detail is restored.
     noise: Option<Noise>,
     /// Frames since the sequence began.
@@ -227,7 +227,7 @@ impl Steps for Bmfr {
         }
         (output.history_length).copy_from_slice(history.plane(LENGTH.start));
 
-        let left = Records::of(history.view());
+        let left = Interleaved::of(history.view());
         let mut used = inputs.used;
         materials.own_only(&mut used);
         self.state = Some(State {
@@ -335,10 +335,10 @@ impl<'a> Inputs<'a> {
         params: innovation::Params,
         bright: f32,
         weight: Option<View>,
-        evidence: Option<&Records>,
+        evidence: Option<&Interleaved>,
         history: &mut Image,
         detailed: Option<&mut Image>,
-    ) -> Records {
+    ) -> Interleaved {
         let size = history.size;
         let [length, fits] = [LENGTH, FITS].map(|part| history.pixels().part(part));
         let samples = Illumination::of(self.frame.color, self.texture);

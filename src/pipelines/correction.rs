@@ -3,7 +3,9 @@
 
 use std::ops::Range;
 
-use crate::image::{Pixels, Records, Run, SEGMENT, Size, View, deinterleave, interleave, segments};
+use crate::image::{
+    Interleaved, Pixels, Run, SEGMENT, Size, View, deinterleave, interleave, segments,
+};
 use crate::kernels::judge::innovation::{self, Innovation, corrected, innovation};
 use crate::math::luminance;
 use crate::pixels::{Colors, PixelsMut, Row};
@@ -17,8 +19,8 @@ pub fn innovate(
     length: Pixels,
     motion: Pixels,
     exposure: f32,
-    evidence: Option<&Records>,
-) -> (Innovation, Records) {
+    evidence: Option<&Interleaved>,
+) -> (Innovation, Interleaved) {
     let known = evidence.map(|evidence| innovation::Known {
         evidence: evidence.pixels(),
         motion: Some(motion),

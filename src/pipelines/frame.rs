@@ -14,7 +14,7 @@ pub use self::output::{
     Extras, History, HistoryMut, Output, Report, Results, blacken_missing, show,
 };
 use crate::error::{Error, Result};
-use crate::image::{Pixels, Records, Size};
+use crate::image::{Interleaved, Pixels, Size};
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::fetch::validate::Surface;
 use crate::memory::Scratch;
@@ -151,28 +151,28 @@ impl<'a> Frame<'a> {
 }
 
 /// A copy of the buffers that the next frame's surface tests read; interleaved, as a tap reads all channels of a pixel.
-pub struct SurfaceRecords {
-    depth: Option<Records>,
-    normal: Option<Records>,
-    object_normal: Option<Records>,
-    ids: Option<Records<u32>>,
-    color: Option<Records>,
+pub struct OwnedSurface {
+    depth: Option<Interleaved>,
+    normal: Option<Interleaved>,
+    object_normal: Option<Interleaved>,
+    ids: Option<Interleaved<u32>>,
+    color: Option<Interleaved>,
 }
 
-impl SurfaceRecords {
+impl OwnedSurface {
     pub fn of(surface: &Surface) -> Self {
         Self {
-            depth: surface.depth.map(Pixels::to_records),
-            normal: surface.normal.map(Pixels::to_records),
-            object_normal: surface.object_normal.map(Pixels::to_records),
-            ids: surface.ids.map(Pixels::to_records),
-            color: surface.color.map(Pixels::to_records),
+            depth: surface.depth.map(Pixels::to_interleaved),
+            normal: surface.normal.map(Pixels::to_interleaved),
+            object_normal: surface.object_normal.map(Pixels::to_interleaved),
+            ids: surface.ids.map(Pixels::to_interleaved),
+            color: surface.color.map(Pixels::to_interleaved),
         }
     }
 
     /// The ids; empty if there are none.
     pub fn ids_mut(&mut self) -> &mut [u32] {
-        self.ids.as_mut().map_or(&mut [], Records::data_mut)
+        self.ids.as_mut().map_or(&mut [], Interleaved::data_mut)
     }
 
     pub fn forget_ids(&mut self) {
@@ -181,11 +181,11 @@ impl SurfaceRecords {
 
     pub fn surface(&self) -> Surface<'_> {
         Surface {
-            depth: self.depth.as_ref().map(Records::pixels),
-            normal: self.normal.as_ref().map(Records::pixels),
-            object_normal: self.object_normal.as_ref().map(Records::pixels),
-            ids: self.ids.as_ref().map(Records::pixels),
-            color: self.color.as_ref().map(Records::pixels),
+            depth: self.depth.as_ref().map(Interleaved::pixels),
+            normal: self.normal.as_ref().map(Interleaved::pixels),
+            object_normal: self.object_normal.as_ref().map(Interleaved::pixels),
+            ids: self.ids.as_ref().map(Interleaved::pixels),
+            color: self.color.as_ref().map(Interleaved::pixels),
         }
     }
 }

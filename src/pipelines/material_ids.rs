@@ -8,7 +8,7 @@ use super::frame::Frame;
 use super::history::Params;
 use super::illumination;
 use super::recall::Memory;
-use crate::image::{Image, Records};
+use crate::image::{Image, Interleaved};
 use crate::kernels::fetch::validate::Surface;
 use crate::kernels::smooth::demodulate::Texture;
 use crate::kernels::smooth::material::Materials;
@@ -63,7 +63,13 @@ impl MaterialIds {
     }
 
     /// What the frame leaves to the next; see [`Memory::new`].
-    pub fn remember(self, frame: &Frame, history: Records, params: &Params, first: bool) -> Memory {
+    pub fn remember(
+        self,
+        frame: &Frame,
+        history: Interleaved,
+        params: &Params,
+        first: bool,
+    ) -> Memory {
         let all = self.materials.as_ref().map(|materials| &materials.all);
         Memory::new(&with_ids(frame, all), self.surfaces, history, params, first)
     }

@@ -4,13 +4,13 @@
 //!     → (reflections)
 
 use super::correction::{history_factor, scale};
-use super::frame::{Frame, Motion, SurfaceRecords, check_size};
+use super::frame::{Frame, Motion, OwnedSurface, check_size};
 use super::history::Params;
 use super::illumination::texture;
 use super::reflections::{self, Own};
 use super::replay;
 use crate::error::{Error, Result};
-use crate::image::{Image, Pixels, Records, View};
+use crate::image::{Image, Interleaved, Pixels, View};
 use crate::kernels::camera::pinhole::{Camera, Rays};
 use crate::kernels::fetch::claims::claims;
 use crate::kernels::fetch::footprint::Filter;
@@ -34,13 +34,13 @@ const BILINEAR: reproject::Params = reproject::Params {
 /// The state after a frame. Images of several channels are interleaved, as they will be gathered.
 pub struct Memory {
     /// Beginning with the channels of [`crate::kernels::merge::accumulate`].
-    pub history: Records,
+    pub history: Interleaved,
     /// The colour that the next frame's replay is compared with, where one is expected.
     shown: Option<replay::Before>,
     pub reflections: Option<reflections::Memory>,
-    surface: SurfaceRecords,
+    surface: OwnedSurface,
     /// The motion of a frame without depth, unless it changes from pixel to pixel.
-    motion: Option<Records>,
+    motion: Option<Interleaved>,
     pub camera: Option<Camera>,
     demodulated: bool,
     /// If the frame had albedo, and ids or values in it that are no reflectance.
@@ -52,7 +52,7 @@ impl Memory {
     pub fn new(
         frame: &Frame,
         surfaces: Option<Surfaces>,
-        history: Records,
+        history: Interleaved,
         params: &Params,
         first: bool,
     ) -> Self {
@@ -66,9 +66,9 @@ impl Memory {
             shown: replayed
                 .then(|| replay::Before::of(frame.color, texture(frame, surfaces.as_ref()))),
             reflections: None,
-            surface: SurfaceRecords::of(&compared),
+            surface: OwnedSurface::of(&compared),
             motion: (told_by_motion(frame).filter(|_| params.tests_motion()))
-                .map(Pixels::to_records),
+                .map(Pixels::to_interleaved),
             camera: frame.camera,
             demodulated: frame.albedo.is_some(),
             surfaces,
@@ -140,7 +140,7 @@ impl Memory {
     }
 
     /// For the test of motion, where no depth is known: how well the pixels that come from one place agree with its own motion.
-    pub fn claims(&self, frame: &Frame, motion: &Motion, params: &Params) -> Option<Records> {
+    pub fn claims(&self, frame: &Frame, motion: &Motion, params: &Params) -> Option<Interleaved> {
         let before = self.motion.as_ref().filter(|_| params.tests_motion())?;
         told_by_motion(frame).map(|_| claims(motion.pixels(), before.pixels()))
     }
@@ -151,11 +151,11 @@ impl Memory {
         frame: &Frame<'a>,
         motion: &Motion,
         params: &Params,
-        claims: Option<&'a Records>,
+        claims: Option<&'a Interleaved>,
     ) -> Fetch<'a> {
         let tests = self
             .tests(frame, motion, &params.surface)
-            .with_claims(claims.map(Records::pixels));
+            .with_claims(claims.map(Interleaved::pixels));
         Fetch::new(&[self.history.pixels()], frame.color.size, tests, BILINEAR)
     }
 
@@ -296,7 +296,7 @@ pub fn recall(
     };
     let replayed = memory.relight(now);
     let claims = memory.claims(now.frame, now.motion, now.params);
-    let claims = claims.as_ref().map(Records::pixels);
+    let claims = claims.as_ref().map(Interleaved::pixels);
     let (mut history, told, incoherent) =
         memory.fetch_all(now, claims, replayed.as_ref(), coverage, rejection);
     let change = match &told {

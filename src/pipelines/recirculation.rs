@@ -32,7 +32,7 @@ use super::frame::{
 };
 use super::illumination::samples_without_fireflies;
 use crate::error::{Error, Result, Whole, whole};
-use crate::image::{Image, Pixels, Records, Size, View};
+use crate::image::{Image, Interleaved, Pixels, Size, View};
 use crate::kernels::camera::motion::Geometry;
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::fetch::{pull_push, splat};
@@ -131,11 +131,11 @@ impl Params {
 struct State {
     /// If history is splatted, its last three channels are the drift: the motion of points that move by themselves.
     color: Image,
-    quality: Records,
+    quality: Interleaved,
     /// Depth, and offset from the pixel's centre, if history is splatted.
-    place: Option<[Records; 2]>,
+    place: Option<[Interleaved; 2]>,
     /// Evidence of the innovation, carried to the next frame; from the second frame on.
-    evidence: Option<Records>,
+    evidence: Option<Interleaved>,
     camera: Camera,
 }
 
@@ -242,7 +242,7 @@ fn splatted(
     let drift = View::new(size, 3, drift).into();
     let motion = motion_along(points.depth.pixels(), drift, cameras);
     let (known, length) = (points.known(), &mut *output.history_length);
-    let (mut quality, mut shown) = (Records::blank(size, 1), Image::blank(size, 3));
+    let (mut quality, mut shown) = (Interleaved::blank(size, 1), Image::blank(size, 3));
     let sharp = recirculate::Params {
         blur: 0.0,
         ..params.recirculate
@@ -297,7 +297,7 @@ impl State {
     fn nothing(size: Size, camera: Camera) -> Self {
         Self {
             color: Image::new(size, 3),
-            quality: Records::new(size, 1),
+            quality: Interleaved::new(size, 1),
             place: None,
             evidence: None,
             camera,
@@ -315,7 +315,10 @@ impl Joined {
     fn correct(&mut self, params: innovation::Params, fresh: &Fresh, length: &[f32]) {
         let prediction = Pixels::from(self.shown());
         let size = prediction.size;
-        let (length, bright) = (Pixels::records(size, 1, length), exposure(prediction));
+        let (length, bright) = (
+            Pixels::of_interleaved(size, 1, length),
+            exposure(prediction),
+        );
         let (motion, evidence) = (self.motion.pixels(), self.state.evidence.as_ref());
         let (found, rest) = innovate(params, fresh, &prediction, length, motion, bright, evidence);
         let carried = &mut self.state.color.data_mut()[..3 * size.pixels()];

@@ -19,7 +19,7 @@ use std::ops::Range;
 
 use super::frame::Frame;
 use crate::image::{
-    BandMut, Image, Pixels, Records, Run, SEGMENT, Size, View, plane_bands, segments,
+    BandMut, Image, Interleaved, Pixels, Run, SEGMENT, Size, View, plane_bands, segments,
 };
 use crate::kernels::camera::motion::{Geometry, Shown};
 use crate::kernels::camera::pinhole::Camera;
@@ -59,14 +59,14 @@ const TEXTURE: f32 = 0.1;
 /// What one frame leaves to the next.
 pub struct Memory {
     /// The lightly filtered light by which the next frame's candidates are compared.
-    pub light: Records,
+    pub light: Interleaved,
     pub scores: Scores,
 }
 
 /// The candidates' record over the frames so far.
 pub struct Scores {
     /// The average gain of each, then the average standardized gain of each.
-    pub image: Records,
+    pub image: Interleaved,
     /// The tiles in which the next frame evaluates each.
     evaluated: Vec<Tiles>,
     age: usize,
@@ -74,10 +74,10 @@ pub struct Scores {
 
 impl Scores {
     pub fn new(size: Size, candidates: usize) -> Self {
-        Self::of(Records::new(size, 2 * candidates), candidates, 0)
+        Self::of(Interleaved::new(size, 2 * candidates), candidates, 0)
     }
 
-    fn of(image: Records, candidates: usize, age: usize) -> Self {
+    fn of(image: Interleaved, candidates: usize, age: usize) -> Self {
         let tried = |row| age < TRIED || (age + TRIED * row) % PERIOD < TRIED;
         Self {
             evaluated: vec![Tiles::rows(image.size, tried); candidates],
@@ -176,7 +176,7 @@ pub fn choose(
     let channels = 2 * distances.len();
     if !past.evaluated.iter().any(Tiles::any) {
         return Some(Won {
-            scores: scores(Records::new(size, channels)),
+            scores: scores(Interleaved::new(size, channels)),
             motion: None,
         });
     }
@@ -192,7 +192,7 @@ pub fn choose(
     };
     let evaluated = candidates.evaluate(memory, &own, color);
     let mut motion = own.motion.part(0..2).to_planes();
-    let mut scores = scores(Records::blank(size, channels));
+    let mut scores = scores(Interleaved::blank(size, channels));
     candidates.take_winners(
         evaluated,
         history,

@@ -13,7 +13,7 @@ use std::ops::Range;
 
 use super::correction::correct_run;
 use super::illumination::illumination;
-use crate::image::{BandMut, Image, Pixels, Records, Run, SEGMENT, segments};
+use crate::image::{BandMut, Image, Interleaved, Pixels, Run, SEGMENT, segments};
 use crate::kernels::fetch::validate::Surface;
 use crate::kernels::judge::exposure::exposure;
 use crate::kernels::judge::gradient::{self, find_gradient};
@@ -27,10 +27,10 @@ use crate::rows::{self, Kernel, Simd};
 
 /// A copy of a frame's colour and texture, to be compared with the next frame's replay.
 pub struct Before {
-    color: Records,
-    albedo: Option<Records>,
-    emission: Option<Records>,
-    mask: Option<Records<u8>>,
+    color: Interleaved,
+    albedo: Option<Interleaved>,
+    emission: Option<Interleaved>,
+    mask: Option<Interleaved<u8>>,
 }
 
 impl Before {
@@ -38,10 +38,10 @@ impl Before {
         let emission = texture.and_then(|texture| texture.emission);
         let mask = texture.and_then(|texture| texture.mask);
         Self {
-            color: color.to_records(),
-            albedo: texture.map(|texture| texture.albedo.to_records()),
-            emission: emission.map(Pixels::to_records),
-            mask: mask.map(Records::of),
+            color: color.to_interleaved(),
+            albedo: texture.map(|texture| texture.albedo.to_interleaved()),
+            emission: emission.map(Pixels::to_interleaved),
+            mask: mask.map(Interleaved::of),
         }
     }
 
@@ -49,7 +49,7 @@ impl Before {
     fn light(&self, color: Pixels) -> Image {
         let texture = self.albedo.as_ref().map(|albedo| Texture {
             albedo: albedo.pixels(),
-            emission: self.emission.as_ref().map(Records::pixels),
+            emission: self.emission.as_ref().map(Interleaved::pixels),
             mask: self.mask.as_ref().map(|mask| mask.pixels().plane()),
         });
         illumination(color, texture)
@@ -68,8 +68,8 @@ const REPLAYED: gradient::Params = gradient::Params {
 pub fn relight(
     replay: Pixels,
     before: &Before,
-    history: &mut Records,
-    light: Option<&mut Records>,
+    history: &mut Interleaved,
+    light: Option<&mut Interleaved>,
     corrects: bool,
 ) -> Image {
     let [now, mut then] = [replay, before.color.pixels()].map(|color| before.light(color));

@@ -36,7 +36,7 @@ use super::reflections;
 use super::repetition::Noise;
 use super::taa::Stage;
 use crate::error::Result;
-use crate::image::{Image, Pixels, Records, Size, View};
+use crate::image::{Image, Interleaved, Pixels, Size, View};
 use crate::kernels::camera::parallax::parallax;
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::fetch::validate::Surface;
@@ -51,9 +51,9 @@ use crate::pixels::Colors;
 struct State {
     memory: Memory,
     /// Evidence of the innovation, carried to the next frame.
-    evidence: Option<Records>,
+    evidence: Option<Interleaved>,
     /// Evidence of each tile for the numbers of passes.
-    choice: Option<Records>,
+    choice: Option<Interleaved>,
     /// The luminance of the samples, by which noise that repeats is detected; if samples judge.
     noise: Option<Noise>,
     /// Where nothing moved, if samples judge.
@@ -303,10 +303,10 @@ impl Svgf {
 
 /// What the passes leave.
 struct Left {
-    history: Records,
+    history: Interleaved,
     reflections: Option<reflections::Memory>,
-    evidence: Option<Records>,
-    choice: Option<Records>,
+    evidence: Option<Interleaved>,
+    choice: Option<Interleaved>,
     still: Option<Still>,
     /// The buffers that took part, beside those of which motion is made.
     used: Vec<&'static str>,
@@ -484,7 +484,7 @@ impl Current<'_> {
     }
 
     /// The exposure of the history, the unit in which the filter, choice and innovation measure light; 1 if none of them does.
-    fn exposure(&self, history: &Records) -> f32 {
+    fn exposure(&self, history: &Interleaved) -> f32 {
         let params = self.params;
         let judged = params.choice.is_some() || params.history.innovation.is_some();
         if judged || params.tap_exposure.is_finite() {
@@ -499,10 +499,10 @@ impl Current<'_> {
         &self,
         prediction: &impl Colors,
         motion: Pixels,
-        evidence: Option<Records>,
+        evidence: Option<Interleaved>,
         exposure: f32,
         reports: &Reports,
-    ) -> Option<(Innovation, Records)> {
+    ) -> Option<(Innovation, Interleaved)> {
         let params = self.params.history.innovation.filter(|_| self.continues)?;
         let length = View::new(self.size(), 1, reports.history_length).into();
         let (fresh, evidence) = (self.fresh(), evidence.as_ref());
@@ -512,7 +512,7 @@ impl Current<'_> {
     }
 
     /// The light in which the next frame looks for reflections, with the distances that have won.
-    fn remember(&self, light: Records, won: Option<reflections::Won>) -> reflections::Memory {
+    fn remember(&self, light: Interleaved, won: Option<reflections::Won>) -> reflections::Memory {
         let scores = match won {
             Some(won) => won.scores,
             None => reflections::Scores::new(self.size(), self.params.reflections.len()),

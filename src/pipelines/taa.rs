@@ -21,12 +21,12 @@ pub use self::params::{Limits, Params};
 use self::sweep::Sweep;
 use super::correction::{Weighed, correct, innovate, scale};
 use super::frame::{
-    Frame, Mistake, Output, Pipeline, Report, Steps, Summary, SurfaceRecords, Upkeep, check_size,
+    Frame, Mistake, Output, OwnedSurface, Pipeline, Report, Steps, Summary, Upkeep, check_size,
 };
 use super::illumination::samples_without_fireflies;
 use super::repetition::Noise;
 use crate::error::{Error, Result};
-use crate::image::{Image, Pixels, Records, View};
+use crate::image::{Image, Interleaved, Pixels, View};
 use crate::kernels::camera::dilate::{Choice, dilate};
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::fetch::footprint::Filter;
@@ -60,11 +60,11 @@ const AFTER_DENOISER: innovation::Params = innovation::Params {
 /// What the stage leaves to the next frame.
 struct History {
     /// Colour and length.
-    merged: Records,
+    merged: Interleaved,
     /// The memory of the alternation kernel, where it runs.
-    alternation: Option<Records>,
+    alternation: Option<Interleaved>,
     /// Evidence of the innovation, carried to the next frame.
-    evidence: Option<Records>,
+    evidence: Option<Interleaved>,
     /// Luminances and evidence for the next frame's mixing weights, if samples and denoised colour are mixed in.
     seen: Option<Seen>,
     /// Whether the frame is the first.
@@ -212,7 +212,7 @@ impl Stage {
         let dilation = (params.dilation()).filter(|_| params.gradient || params.alternation);
         let dilated = dilation.map(|dilation| dilate(motion, choice, dilation));
         let moved = dilated.as_ref().map_or(motion, Image::pixels);
-        let past = |records: &Records, filter| fetch(records.pixels(), moved, tests, filter);
+        let past = |records: &Interleaved, filter| fetch(records.pixels(), moved, tests, filter);
         let gradient = (before.as_ref().filter(|_| params.gradient))
             .map(|before| change_of_light(color, past(&before.merged, params.filter)));
         let alternation = params.alternation.then(|| {
@@ -287,7 +287,7 @@ impl Stage {
             return;
         }
         let size = samples.size;
-        let color = Pixels::records(size, 3, shown);
+        let color = Pixels::of_interleaved(size, 3, shown);
         let length = history.merged.pixels().part(3..4);
         let evidence = history.evidence.as_ref();
         let fresh = Weighed {
@@ -325,12 +325,12 @@ fn change_of_light(color: Pixels, (history, coverage): (Image, Image)) -> Image 
 }
 
 /// The alternation kernel's memory with one more colour.
-fn find_alternation(color: Pixels, known: Option<(Image, Image)>, exposure: f32) -> Records {
+fn find_alternation(color: Pixels, known: Option<(Image, Image)>, exposure: f32) -> Interleaved {
     let known = known.as_ref().map(|(memory, coverage)| alternation::Known {
         memory: memory.pixels(),
         coverage: Some(coverage.view()),
     });
-    let mut memory = Records::blank(color.size, alternation::CHANNELS);
+    let mut memory = Interleaved::blank(color.size, alternation::CHANNELS);
     let out = PixelsMut::bands(color.size, alternation::CHANNELS, memory.data_mut());
     alternation(color, known, exposure, out);
     memory
@@ -339,7 +339,7 @@ fn find_alternation(color: Pixels, known: Option<(Image, Image)>, exposure: f32)
 /// What one frame leaves to the next beside the stage's history.
 struct State {
     camera: Option<Camera>,
-    surface: SurfaceRecords,
+    surface: OwnedSurface,
     /// Of the samples that a denoiser had, if they are mixed in.
     noise: Option<Noise>,
 }

@@ -18,7 +18,7 @@ use self::merge::{CHANNELS, Merge};
 use super::frame::{Frame, Output, Pipeline, Steps, Summary, Upkeep, check_size, names};
 use super::illumination::samples_without_fireflies;
 use crate::error::{Error, Result, from_0_to_1, in_range};
-use crate::image::{Image, Pixels, Records, SEGMENT, Size, View, segments};
+use crate::image::{Image, Interleaved, Pixels, SEGMENT, Size, View, segments};
 use crate::kernels::camera::dilate::{self, Choice, dilate};
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::fetch::footprint::{Filter, Wide};
@@ -118,7 +118,7 @@ impl Params {
 struct State {
     /// Of the input.
     size: Size,
-    history: Records,
+    history: Interleaved,
     camera: Option<Camera>,
 }
 
@@ -280,7 +280,7 @@ fn clip(history: Pixels, color: Pixels, exposure: f32) -> Image {
     clipped
 }
 
-fn show_sharpened(history: &Records, strength: f32, exposure: f32, shown: &mut [f32]) {
+fn show_sharpened(history: &Interleaved, strength: f32, exposure: f32, shown: &mut [f32]) {
     let color = history.pixels().part(0..3);
     let out = PixelsMut::bands(color.size, 3, shown);
     sharpen(color, sharpen::Params { strength, exposure }, out);

@@ -19,13 +19,13 @@ use std::sync::atomic::{AtomicU32, Ordering};
 
 use super::footprint::Footprints;
 use super::validate::Tests;
-use crate::image::{Pixels, Records, SEGMENT, segments};
+use crate::image::{Interleaved, Pixels, SEGMENT, segments};
 use crate::math::distance;
 use crate::pixels::{MotionLanes, PixelsMut};
 use crate::rows::{self, Kernel, Simd};
 
 /// The previous motion, and twice the least difference from it among the pixels that come from there.
-pub fn claims(motion: Pixels, before: Pixels) -> Records {
+pub fn claims(motion: Pixels, before: Pixels) -> Interleaved {
     let size = motion.size;
     let least: Vec<_> = (0..size.pixels())
         .map(|_| AtomicU32::new(f32::INFINITY.to_bits()))
@@ -37,7 +37,7 @@ pub fn claims(motion: Pixels, before: Pixels) -> Records {
         least,
     };
     rows::run(&claim, size.height, rows::bands(size.height).map(|_| ()));
-    let mut claims = Records::blank(size, 3);
+    let mut claims = Interleaved::blank(size, 3);
     let told = PixelsMut::bands(size, 3, claims.data_mut());
     rows::run(&Tell { before, least }, size.height, told);
     claims

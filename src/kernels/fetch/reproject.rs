@@ -447,7 +447,7 @@ pub fn reproject_again(
 
 /// [`reproject`] of interleaved images to interleaved outputs that the caller owns; writes no rejection mask. Panics if an
 /// image of several channels is planar.
-pub fn reproject_records(
+pub fn reproject_interleaved(
     history: &[Pixels],
     motion: Pixels,
     tests: Tests,

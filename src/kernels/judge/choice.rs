@@ -30,7 +30,7 @@
 use std::ops::Range;
 
 use crate::error::{Result, finite_from_0, from_0_to_1, in_range};
-use crate::image::{BandMut, Image, Pixels, Records, Run, SEGMENT, Size, View, segments};
+use crate::image::{BandMut, Image, Interleaved, Pixels, Run, SEGMENT, Size, View, segments};
 use crate::math::{black_level, larger, luminance, smaller};
 use crate::memory::prefetch;
 use crate::pixels::{Colors, Row};
@@ -104,7 +104,7 @@ pub fn choice(
     coverage: View,
     usual: usize,
     params: Params,
-) -> (Image, Records) {
+) -> (Image, Interleaved) {
     let carried = carry(evidence, motion, coverage, params.share);
     let size = evidence.size;
     let mut chosen = Image::blank(size, 1);
@@ -124,7 +124,7 @@ pub fn compare(
     candidates: &[View],
     exposure: f32,
     usual: usize,
-    evidence: &mut Records,
+    evidence: &mut Interleaved,
 ) {
     let size = evidence.size;
     let band = BAND * size.width * channels(candidates.len());
@@ -138,7 +138,7 @@ pub fn compare(
 }
 
 /// Evidence of the frames before, where the tiles are now, of which `share` decays.
-pub(super) fn carry(evidence: Pixels, motion: Pixels, coverage: View, share: f32) -> Records {
+pub(super) fn carry(evidence: Pixels, motion: Pixels, coverage: View, share: f32) -> Interleaved {
     let size = evidence.size;
     let carry = Carry {
         evidence,
@@ -146,7 +146,7 @@ pub(super) fn carry(evidence: Pixels, motion: Pixels, coverage: View, share: f32
         coverage,
         keep: 1.0 - share,
     };
-    let mut carried = Records::blank(size, evidence.channels);
+    let mut carried = Interleaved::blank(size, evidence.channels);
     let band = BAND * size.width * evidence.channels;
     rows::run(&carry, size.height, carried.data_mut().chunks_mut(band));
     carried

@@ -27,7 +27,7 @@
 use std::ops::Range;
 
 use super::choice::{MIN_COMPARISONS, TILE, average, carry, tiles};
-use crate::image::{BandMut, Image, Pixels, Records, Size, View, segments};
+use crate::image::{BandMut, Image, Interleaved, Pixels, Size, View, segments};
 use crate::math::{larger, saturate, smaller};
 use crate::pixels::Rolling;
 use crate::rows::{self, BAND, Kernel, Simd};
@@ -88,7 +88,7 @@ impl Luminances for Pixels<'_> {
 }
 
 /// Adds a frame's products to the evidence. Pixels count where all luminances are finite in all of the 3×3.
-pub fn collocate(luminances: &impl Luminances, exposure: f32, evidence: &mut Records) {
+pub fn collocate(luminances: &impl Luminances, exposure: f32, evidence: &mut Interleaved) {
     let Size { height, width } = evidence.size;
     let black = exposure * BLACK;
     let kernel = Collocate {
@@ -100,7 +100,12 @@ pub fn collocate(luminances: &impl Luminances, exposure: f32, evidence: &mut Rec
 }
 
 /// The evidence of the frames before where the tiles are now, and the mixtures by it.
-pub fn shares(evidence: Pixels, motion: Pixels, coverage: View, share: f32) -> (Image, Records) {
+pub fn shares(
+    evidence: Pixels,
+    motion: Pixels,
+    coverage: View,
+    share: f32,
+) -> (Image, Interleaved) {
     let carried = carry(evidence, motion, coverage, share);
     let size = evidence.size;
     let mut shares = Image::blank(size, SHARES);
@@ -114,7 +119,7 @@ pub fn shares(evidence: Pixels, motion: Pixels, coverage: View, share: f32) -> (
 /// The mixture that would have been best for all tiles together. Each tile's products are scaled by its samples' share of
 /// the energy of samples and results: a result that keeps a lamp that has moved on may have a thousand times the energy of
 /// the samples there, and a single tile must not decide for all.
-pub fn share_of_all(evidence: &Records) -> [f32; SHARES] {
+pub fn share_of_all(evidence: &Interleaved) -> [f32; SHARES] {
     let mut sums = [0.0; CHANNELS];
     for tile in evidence.pixels().elements().0.chunks_exact(CHANNELS) {
         let [y, p, a, b] = ENERGIES.map(|k| f64::from(tile[k]));
@@ -130,8 +135,8 @@ pub fn share_of_all(evidence: &Records) -> [f32; SHARES] {
 }
 
 /// Evidence before any frame.
-pub fn nothing(size: Size) -> Records {
-    Records::new(tiles(size), CHANNELS)
+pub fn nothing(size: Size) -> Interleaved {
+    Interleaved::new(tiles(size), CHANNELS)
 }
 
 struct Collocate<'a, L> {

@@ -44,7 +44,7 @@ use std::ops::Range;
 use self::evidence::{Gather, LocalLight, Pool};
 use self::shrinkage::{Shrink, Subtract, upsample_columns, upsample_rows};
 use crate::error::{Result, Whole, finite_from_0, in_range, whole};
-use crate::image::{Image, Pixels, Records, Run, SEGMENT, Size, segments};
+use crate::image::{Image, Interleaved, Pixels, Run, SEGMENT, Size, segments};
 use crate::math::{black_level, larger, smaller};
 use crate::pixels::{Colors, PixelsMut, Row};
 use crate::rows::{self, Kernel, Simd};
@@ -130,7 +130,7 @@ pub fn innovation(
     known: Option<Known>,
     exposure: f32,
     params: Params,
-) -> (Innovation, Records) {
+) -> (Innovation, Interleaved) {
     let black = black_level(exposure);
     let size = evidence_size(length.size);
     let around = params
@@ -159,7 +159,7 @@ pub fn innovation(
         rows::run(&pool, blocks.size.height, blocks.bands());
         coarser.push(blocks);
     }
-    let mut evidence = Records::blank(size, CHANNELS);
+    let mut evidence = Interleaved::blank(size, CHANNELS);
     let mut found: Option<Image> = None;
     for level in (1..=params.levels).rev() {
         let blocks = match level {

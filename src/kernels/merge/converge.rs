@@ -53,7 +53,7 @@ pub fn converge(shown: &mut [f32], history: [Pixels; 3], exposure: f32, strictne
             black: black_level(exposure),
         },
     );
-    let result = Pixels::records(size, 3, shown);
+    let result = Pixels::of_interleaved(size, 3, shown);
     let mut shares = Image::blank(grid, 1);
     let decide = Decide {
         still: &still,

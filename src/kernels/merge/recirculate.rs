@@ -20,7 +20,7 @@
 use std::ops::Range;
 
 use crate::error::{Error, Result, in_range};
-use crate::image::{Pixels, Records, Run, SEGMENT, Size, segments};
+use crate::image::{Interleaved, Pixels, Run, SEGMENT, Size, segments};
 use crate::math::is_present;
 use crate::pixels::{PixelsMut, Row};
 use crate::rows::{self, Kernel, Simd};
@@ -101,9 +101,9 @@ impl Known<'_> {
     }
 
     /// Interleaved copy for bilinear taps: colour, validity (1) and, for N = 5, quality; all zeros where missing.
-    fn interleaved<const N: usize>(self) -> Records {
+    fn interleaved<const N: usize>(self) -> Interleaved {
         let size = self.color.size;
-        let mut texels = Records::blank(size, N);
+        let mut texels = Interleaved::blank(size, N);
         let outs = PixelsMut::bands(size, N, texels.data_mut());
         rows::run(&Interleave::<N>(self), size.height, outs);
         texels
@@ -196,9 +196,9 @@ struct Recirculate<'a> {
     /// The new image and history.
     images: [Known<'a>; 2],
     /// Interleaved copies for motion blur at the pixel's own position.
-    blurred: [Option<Records>; 2],
+    blurred: [Option<Interleaved>; 2],
     /// Interleaved copy of history if it is to be fetched.
-    previous: Option<Records>,
+    previous: Option<Interleaved>,
     motion: Pixels<'a>,
     params: Params,
 }
@@ -208,7 +208,7 @@ impl Recirculate<'_> {
     #[inline(always)]
     fn blur(
         &self,
-        texels: &Records,
+        texels: &Interleaved,
         run: Run,
         motion: &[Row; 2],
         quality: &Row,
@@ -235,7 +235,7 @@ impl Recirculate<'_> {
     #[inline(always)]
     fn fetch(
         &self,
-        previous: &Records,
+        previous: &Interleaved,
         run: Run,
         motion: &[Row; 2],
         quality: &mut Row,

@@ -28,7 +28,7 @@
 use std::ops::Range;
 
 use super::{FITS, LENGTH, LIGHT, MOMENTS};
-use crate::image::{BandMut, Image, Pixels, Records, SEGMENT, View, segments};
+use crate::image::{BandMut, Image, Interleaved, Pixels, SEGMENT, View, segments};
 use crate::kernels::judge::neighborhood::{self, Bounds, Response, Space, clip_history};
 use crate::kernels::judge::repetition::luminances;
 use crate::kernels::merge::blend::{self, Alpha, blend};
@@ -108,20 +108,23 @@ pub fn fit(
     choice: regress::Choice,
     block: usize,
     age: usize,
-) -> Records {
+) -> Interleaved {
     let params = regress::Params {
         block,
         offset: OFFSETS[age % OFFSETS.len()].map(|eighths| eighths * block as i64 / 8),
         features: choice,
     };
-    let (mut fit, mut counts) = (Records::blank(light.size, 3), Image::blank(light.size, 1));
+    let (mut fit, mut counts) = (
+        Interleaved::blank(light.size, 3),
+        Image::blank(light.size, 1),
+    );
     let (fitted, counts) = (fit.data_mut(), counts.data_mut());
     regress(light, features, weight, params, fitted, counts);
     fit
 }
 
 /// Writes a history's fits: a new fit, accumulated with those of the reprojected history.
-pub fn accumulate_fits(fit: &Records, known: &Image, least: f32, history: &mut Image) {
+pub fn accumulate_fits(fit: &Interleaved, known: &Image, least: f32, history: &mut Image) {
     let size = fit.size;
     let mut factor = Image::blank(size, 1);
     let kernel = Factor {

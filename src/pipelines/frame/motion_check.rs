@@ -16,7 +16,7 @@
 use std::fmt::{self, Display};
 
 use super::{Frame, still_motion};
-use crate::image::{Pixels, Records, Size};
+use crate::image::{Interleaved, Pixels, Size};
 use crate::kernels::camera::motion::Geometry;
 use crate::kernels::camera::pinhole::Camera;
 
@@ -91,7 +91,7 @@ pub enum Check {
     Second {
         size: Size,
         camera: Option<Box<Camera>>,
-        seen: Vec<Records>,
+        seen: Vec<Interleaved>,
     },
     Done,
 }
@@ -107,7 +107,7 @@ impl Check {
                 *self = Self::Second {
                     size: frame.color.size,
                     camera: frame.camera.map(Box::new),
-                    seen: seen.map(Pixels::to_records).collect(),
+                    seen: seen.map(Pixels::to_interleaved).collect(),
                 };
                 None
             }
@@ -189,9 +189,9 @@ fn by_cameras(
         .map(|(_, mistake)| mistake)
 }
 
-fn by_warp(motion: Pixels, before: &[Records], now: &[Pixels]) -> Option<Mistake> {
+fn by_warp(motion: Pixels, before: &[Interleaved], now: &[Pixels]) -> Option<Mistake> {
     let size = motion.size;
-    let before: Vec<_> = before.iter().map(Records::pixels).collect();
+    let before: Vec<_> = before.iter().map(Interleaved::pixels).collect();
     let channels = |images: &[Pixels]| images.iter().map(|image| image.channels).collect();
     let [known, shown]: [Vec<_>; 2] = [channels(&before), channels(now)];
     if known != shown {

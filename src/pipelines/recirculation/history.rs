@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use super::State;
 use super::samples::Fresh;
-use crate::image::{BandMut, Pixels, Records, SEGMENT, Size, plane_bands, segments};
+use crate::image::{BandMut, Interleaved, Pixels, SEGMENT, Size, plane_bands, segments};
 use crate::kernels::camera::motion::Geometry;
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::fetch::splat::{self, Splats, splat};
@@ -18,24 +18,28 @@ pub const CHANNELS: usize = 6;
 
 /// The points of the past where they appear now; quality 0 where none does.
 pub struct Points {
-    color: Records,
-    pub depth: Records,
-    pub offset: Records,
-    quality: Records,
+    color: Interleaved,
+    pub depth: Interleaved,
+    pub offset: Interleaved,
+    quality: Interleaved,
 }
 
 impl Points {
     pub fn none(size: Size) -> Self {
         Self {
-            color: Records::new(size, CHANNELS),
-            depth: Records::new(size, 1),
-            offset: Records::new(size, 2),
-            quality: Records::new(size, 1),
+            color: Interleaved::new(size, CHANNELS),
+            depth: Interleaved::new(size, 1),
+            offset: Interleaved::new(size, 2),
+            quality: Interleaved::new(size, 1),
         }
     }
 
     /// Scatters the points to where a camera sees them. Hands the evidence on.
-    pub fn splat(before: State, camera: &Camera, params: splat::Params) -> (Self, Option<Records>) {
+    pub fn splat(
+        before: State,
+        camera: &Camera,
+        params: splat::Params,
+    ) -> (Self, Option<Interleaved>) {
         let [depth, offset] = before.place.as_ref().expect("left by the same pipeline");
         let mut now = Self::none(before.color.size);
         let points = splat::Points {
@@ -203,9 +207,9 @@ impl<'a> Kernel for AddDrift<'a> {
 }
 
 /// The depth of filled pixels.
-pub fn filled_depth(fresh: &Fresh) -> Records {
+pub fn filled_depth(fresh: &Fresh) -> Interleaved {
     let inverse = fresh.filled.pixels().part(3..4);
-    let mut depth = Records::blank(inverse.size, 1);
+    let mut depth = Interleaved::blank(inverse.size, 1);
     let outs = depth.data_mut().chunks_mut(BAND * inverse.size.width);
     rows::run(&Invert(inverse), inverse.size.height, outs);
     depth

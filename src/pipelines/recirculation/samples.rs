@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use super::Params;
-use crate::image::{Image, Pixels, Records, Run, SEGMENT, Size, View, segments};
+use crate::image::{Image, Interleaved, Pixels, Run, SEGMENT, Size, View, segments};
 use crate::kernels::camera::motion::{Geometry, Shown};
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::fetch::pull_push::pull_push;
@@ -19,9 +19,9 @@ const CHANNELS: usize = 7;
 
 /// A frame's samples; NaN in pixels that were not traced.
 pub struct Samples {
-    color: Records,
+    color: Interleaved,
     /// Depth, and the offset from the pixel's centre.
-    place: Records,
+    place: Interleaved,
 }
 
 /// Finds the samples of a frame, the pixels whose colour and place are known, and counts the other pixels.
@@ -42,8 +42,8 @@ pub fn find_samples(
         jitter: frame.jitter.unwrap_or_default().map(|v| v as f32),
     };
     let mut samples = Samples {
-        color: Records::blank(size, CHANNELS),
-        place: Records::blank(size, 3),
+        color: Interleaved::blank(size, CHANNELS),
+        place: Interleaved::blank(size, 3),
     };
     let mut missing = vec![0; size.height.div_ceil(BAND)];
     let outs = (PixelsMut::bands(size, CHANNELS, samples.color.data_mut()))
@@ -63,10 +63,10 @@ pub struct Fresh<'a> {
     /// The frame's colour, of which only pixels with a place are samples.
     color: Pixels<'a>,
     /// As in [`Samples`], still with holes.
-    pub place: Records,
+    pub place: Interleaved,
     /// As [`Samples::color`], without holes.
-    pub filled: Records,
-    pub quality: Records,
+    pub filled: Interleaved,
+    pub quality: Interleaved,
 }
 
 impl<'a> Fresh<'a> {
@@ -74,8 +74,11 @@ impl<'a> Fresh<'a> {
     pub fn fill(samples: Samples, own: Pixels<'a>, params: Params) -> Self {
         let Samples { color, place } = samples;
         let size = own.size;
-        let (mut filled, mut quality) = (Records::blank(size, CHANNELS), Records::blank(size, 1));
-        let weigh = |samples: &Records, weights: &mut Records, divides| {
+        let (mut filled, mut quality) = (
+            Interleaved::blank(size, CHANNELS),
+            Interleaved::blank(size, 1),
+        );
+        let weigh = |samples: &Interleaved, weights: &mut Interleaved, divides| {
             let kernel = Weigh {
                 inverse: samples.pixels().part(3..4),
                 nearness: params.nearness,
@@ -85,11 +88,11 @@ impl<'a> Fresh<'a> {
             rows::run(&kernel, size.height, outs);
         };
         let weights = (params.nearness > 0).then(|| {
-            let mut weights = Records::blank(size, 1);
+            let mut weights = Interleaved::blank(size, 1);
             weigh(&color, &mut weights, false);
             weights
         });
-        let (weighted, into) = (weights.as_ref().map(Records::pixels), filled.data_mut());
+        let (weighted, into) = (weights.as_ref().map(Interleaved::pixels), filled.data_mut());
         pull_push(
             color.pixels(),
             weighted,

@@ -4,7 +4,9 @@ use std::ops::Range;
 
 use super::passes::Passes;
 use super::{Current, Shown};
-use crate::image::{BandMut, Image, Pixels, Records, Run, SEGMENT, View, plane_bands, segments};
+use crate::image::{
+    BandMut, Image, Interleaved, Pixels, Run, SEGMENT, View, plane_bands, segments,
+};
 use crate::kernels::judge::innovation::{Innovation, corrected};
 use crate::kernels::merge::accumulate;
 use crate::kernels::smooth::demodulate::{Texture, Way};
@@ -20,8 +22,8 @@ pub fn finish(
     now: &Current,
     passes: Passes,
     innovation: Option<&Innovation>,
-    history: &mut Records,
-    light: Option<&mut Records>,
+    history: &mut Interleaved,
+    light: Option<&mut Interleaved>,
     antialias: Option<(&mut Stage, Option<Pixels>)>,
     confidence: View,
     shown: Option<&mut Shown>,

@@ -2,7 +2,7 @@
 
 use super::{Current, Reports};
 use crate::image::{
-    BandMut, Image, Pixels, Records, Run, SEGMENT, View, deinterleave, plane_bands,
+    BandMut, Image, Interleaved, Pixels, Run, SEGMENT, View, deinterleave, plane_bands,
 };
 use crate::kernels::fetch::reproject::{Fetch, Fetched};
 use crate::kernels::merge::accumulate::{self, CHANNELS, History, Images, Samples, accumulate};
@@ -13,7 +13,7 @@ use crate::pixels::{MotionLanes, PixelsMut, Row};
 
 /// The history with a frame's samples in it.
 pub struct Merged {
-    pub history: Records,
+    pub history: Interleaved,
     /// Samples that were not finite.
     pub missing: usize,
     /// What was known before; None where it was merged as it was fetched.
@@ -64,7 +64,7 @@ pub fn merge(
         parts: [0..3, 3..5, 5..6].map(|part| known.pixels().part(part)),
         confidence: (params.history.by_confidence).then(|| View::new(size, 1, reports.confidence)),
     };
-    let mut history = Records::blank(size, CHANNELS);
+    let mut history = Interleaved::blank(size, CHANNELS);
     let outs = merged(&mut history, reports.history_length);
     let nothing = std::iter::repeat(());
     let missing = accumulate(samples, &images, now.accumulate, outs, nothing);
@@ -91,7 +91,7 @@ pub fn merge_at_once(now: &Current, memory: Option<Memory>, reports: &mut Report
         motion: now.motion.pixels(),
         by_confidence: params.by_confidence,
     };
-    let mut history = Records::blank(size, CHANNELS);
+    let mut history = Interleaved::blank(size, CHANNELS);
     let outs = merged(&mut history, reports.history_length);
     let known = plane_bands(reports.confidence, size).zip(plane_bands(reports.rejection, size));
     let missing = accumulate(samples, &along, now.accumulate, outs, known);
@@ -104,7 +104,7 @@ pub fn merge_at_once(now: &Current, memory: Option<Memory>, reports: &mut Report
 
 /// The outputs of accumulation: all channels, and the length once more.
 fn merged<'a>(
-    history: &'a mut Records,
+    history: &'a mut Interleaved,
     length: &'a mut [f32],
 ) -> impl Iterator<Item = [accumulate::Part<'a>; 2]> {
     let size = history.size;

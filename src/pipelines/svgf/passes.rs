@@ -11,7 +11,7 @@ use std::vec;
 
 use super::super::frame::Guides;
 use super::{Current, Reports};
-use crate::image::{Image, Pixels, Records, Run, SEGMENT, Size, View, segments};
+use crate::image::{Image, Interleaved, Pixels, Run, SEGMENT, Size, View, segments};
 use crate::kernels::judge::choice::{self, Levels};
 use crate::kernels::merge::accumulate;
 use crate::kernels::smooth::atrous::{self, Filtered, FilteredRow, Sink};
@@ -31,7 +31,7 @@ pub struct Choosing<'a> {
     levels: &'a mut [f32],
     /// The expected luminance after 0, 1, 2 … passes; the filter adds all but the first.
     candidates: Vec<Image>,
-    evidence: Records,
+    evidence: Interleaved,
 }
 
 /// Chooses by the evidence of earlier frames. It is looked for along the motion by which history was fetched.
@@ -39,7 +39,7 @@ pub fn choose<'a>(
     now: &Current,
     prediction: Option<Image>,
     motion: Pixels,
-    before: Option<Records>,
+    before: Option<Interleaved>,
     reports: &Reports,
     levels: Option<&'a mut [f32]>,
 ) -> Option<Choosing<'a>> {
@@ -57,14 +57,14 @@ pub fn choose<'a>(
         levels,
         candidates: vec![prediction],
         evidence: carried.unwrap_or_else(|| {
-            Records::new(choice::tiles(now.size()), choice::channels(candidates))
+            Interleaved::new(choice::tiles(now.size()), choice::channels(candidates))
         }),
     })
 }
 
 impl Choosing<'_> {
     /// The evidence for the next frame: what the samples say of the candidates is added.
-    pub fn judge(mut self, now: &Current, exposure: f32) -> Records {
+    pub fn judge(mut self, now: &Current, exposure: f32) -> Interleaved {
         let candidates: Vec<_> = self.candidates.iter().map(Image::view).collect();
         let usual = now.params.atrous.iterations as usize;
         let evidence = &mut self.evidence;
@@ -79,7 +79,7 @@ pub struct Passes {
     /// Colour and variance, each after as many passes as were chosen.
     shown: Option<Image>,
     /// Lightly filtered light, in which the next frame looks for reflections.
-    pub light: Option<Records>,
+    pub light: Option<Interleaved>,
 }
 
 /// Estimates the variance of a history and filters its colour. The first pass may become the colour of the history that
@@ -89,8 +89,8 @@ pub fn filter(
     now: &Current,
     guide: &Guide,
     reports: &Reports,
-    history: &mut Records,
-    mut joined: Option<Records>,
+    history: &mut Interleaved,
+    mut joined: Option<Interleaved>,
     exposure: f32,
     mut choosing: Option<&mut Choosing>,
 ) -> Passes {
@@ -108,7 +108,7 @@ pub fn filter(
     let mut shown = choosing.is_some().then(|| Image::blank(size, 4));
     // The next frame looks for reflections in it only if both frames have cameras.
     let reflects = !params.reflections.is_empty() && now.frame.camera.is_some();
-    let mut light = reflects.then(|| Records::blank(size, 3));
+    let mut light = reflects.then(|| Interleaved::blank(size, 3));
     for pass in 0..=most {
         let mut candidate = (choosing.is_some() && pass > 0).then(|| Image::blank(size, 1));
         let (mut tiles, mut prediction, mut levels) = (None, None, None);

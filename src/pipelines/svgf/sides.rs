@@ -12,7 +12,7 @@ use std::ops::Range;
 
 use super::{Current, Reports};
 use crate::image::{
-    BandMut, Image, Pixels, Records, Run, SEGMENT, Size, View, plane_bands, segments,
+    BandMut, Image, Interleaved, Pixels, Run, SEGMENT, Size, View, plane_bands, segments,
 };
 use crate::kernels::judge::exposure::exposure;
 use crate::kernels::merge::accumulate::{CHANNELS, load_shares, shorten};
@@ -37,7 +37,7 @@ const MOST: f32 = 1.5;
 #[derive(Default)]
 pub struct Joined {
     /// The history of both sides, if there is one from later frames.
-    pub history: Option<Records>,
+    pub history: Option<Interleaved>,
     /// The luminance that both sides expect, NaN where they know too little; if passes are chosen.
     pub prediction: Option<Image>,
 }
@@ -46,12 +46,12 @@ pub struct Joined {
 pub fn join(
     now: &Current,
     recalled: Option<&Recalled>,
-    history: &Records,
+    history: &Interleaved,
     later: Option<&History>,
     reports: &mut Reports,
 ) -> Joined {
     let size = now.size();
-    let mut joined = later.map(|_| Records::blank(size, CHANNELS));
+    let mut joined = later.map(|_| Interleaved::blank(size, CHANNELS));
     let chooses = now.params.choice.is_some();
     let mut prediction = chooses.then(|| Image::blank(size, 1));
     if later.is_none() && !chooses {

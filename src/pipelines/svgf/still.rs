@@ -12,7 +12,7 @@ use std::array;
 use std::ops::Range;
 
 use super::Current;
-use crate::image::{BandMut, Image, Pixels, Records, SEGMENT, segments};
+use crate::image::{BandMut, Image, Interleaved, Pixels, SEGMENT, segments};
 use crate::kernels::fetch::validate::Surface;
 use crate::kernels::judge::exposure::exposure;
 use crate::kernels::judge::innovation;
@@ -49,11 +49,11 @@ pub struct Still {
     /// Frames since the last in which something moved.
     pub frames: u32,
     /// The samples as they were rendered, with texture: colour, moments and number. They are forgotten where the history is.
-    mean: Records,
+    mean: Interleaved,
     /// The means of albedo, emission and normal over as many frames, of those that there are.
-    guides: [Option<Records>; 3],
+    guides: [Option<Interleaved>; 3],
     /// Evidence of the innovation of the mean, carried to the next frame.
-    evidence: Option<Records>,
+    evidence: Option<Interleaved>,
 }
 
 impl Still {
@@ -62,7 +62,7 @@ impl Still {
         let size = now.size();
         let before = before.unwrap_or_else(|| Self {
             frames: 0,
-            mean: Records::new(size, CHANNELS),
+            mean: Interleaved::new(size, CHANNELS),
             guides: [None, None, None],
             evidence: None,
         });
@@ -86,7 +86,7 @@ impl Still {
             parts: parts(&mean),
             confidence: None,
         };
-        let mut merged = Records::blank(size, CHANNELS);
+        let mut merged = Interleaved::blank(size, CHANNELS);
         let bands = PixelsMut::bands(size, CHANNELS, merged.data_mut());
         let outs = bands.map(|all| [(0..CHANNELS, all)]);
         accumulate(samples, &known, now.accumulate, outs, std::iter::repeat(()));
@@ -99,7 +99,7 @@ impl Still {
         let mut guides = guides.into_iter();
         let guides = fresh.map(|fresh| {
             let (fresh, mean) = (fresh?, guides.next().flatten());
-            let mut mean = mean.unwrap_or_else(|| fresh.to_records());
+            let mut mean = mean.unwrap_or_else(|| fresh.to_interleaved());
             let rows = mean.data_mut().chunks_mut(BAND * 3 * size.width);
             rows::run(&Average { fresh, number }, size.height, rows);
             Some(mean)
@@ -121,7 +121,7 @@ impl Still {
         }
         let [mean, moments, number] = parts(&self.mean);
         let [albedo, emission, normal] =
-            (self.guides.each_ref()).map(|guide| guide.as_ref().map(Records::pixels));
+            (self.guides.each_ref()).map(|guide| guide.as_ref().map(Interleaved::pixels));
         let Some(albedo) = albedo else {
             // Nothing tells texture from noise. The usual result has been filtered as new samples find best.
             converge(shown, [mean, moments, number], bright, 1.0);
@@ -206,7 +206,7 @@ impl Still {
 }
 
 /// Colour, moments and number of samples.
-fn parts(mean: &Records) -> [Pixels<'_>; 3] {
+fn parts(mean: &Interleaved) -> [Pixels<'_>; 3] {
     [0..3, 3..5, 5..6].map(|part| mean.pixels().part(part))
 }
 

@@ -22,7 +22,7 @@ use std::ops::Range;
 
 use super::fetch;
 use crate::image::{
-    BandMut, Image, Pixels, Records, SEGMENT, Size, View, deinterleave, interleave, segments,
+    BandMut, Image, Interleaved, Pixels, SEGMENT, Size, View, deinterleave, interleave, segments,
 };
 use crate::kernels::fetch::footprint::Filter;
 use crate::kernels::fetch::validate::Tests;
@@ -62,10 +62,10 @@ const SHOWN: f32 = 3.0;
 /// What the next frame needs to judge this one.
 #[derive(Default)]
 pub struct Seen {
-    luminances: Option<Records>,
+    luminances: Option<Interleaved>,
     /// Luminance of the samples before, where they are in this frame; NaN where they are not.
     samples_before: Option<Image>,
-    evidence: Option<Records>,
+    evidence: Option<Interleaved>,
     /// Frames that are not judged.
     rest: u32,
 }
@@ -141,7 +141,7 @@ pub fn mix(
             let older = forget(older, &coverage);
             let compared = Compared {
                 held: &held,
-                result: Pixels::records(size, 3, shown),
+                result: Pixels::of_interleaved(size, 3, shown),
                 recent: recent.view(),
                 older: older.view(),
             };
@@ -152,7 +152,7 @@ pub fn mix(
         let before = Pixels::from(recent.channels(0..1)).to_planes();
         (shares, samples_before) = (found, Some(before));
     }
-    let mut luminances = Records::blank(size, LUMINANCES);
+    let mut luminances = Interleaved::blank(size, LUMINANCES);
     let [first, second] = [0, 1].map(|c| (shares.as_ref()).map(|shares| shares.channels(c..c + 1)));
     let kernel = Mix {
         held,
@@ -172,7 +172,7 @@ pub fn mix(
 }
 
 /// Whether the denoised colour is better for all tiles together, and for many of them alone.
-fn ask_for_denoised(shares: &Image, evidence: &Records) -> bool {
+fn ask_for_denoised(shares: &Image, evidence: &Interleaved) -> bool {
     let tiles = shares.plane(0);
     let asking = tiles.iter().filter(|&&share| share > ASKS).count();
     let [of_all, _] = collocation::share_of_all(evidence);

@@ -15,7 +15,7 @@ use crate::kernels::merge::blend::{self, Weighting};
 use crate::kernels::merge::resolve;
 use crate::kernels::smooth::fireflies;
 use crate::math::larger;
-use crate::pipelines::frame::{Frame, Guides, SurfaceRecords};
+use crate::pipelines::frame::{Frame, Guides, OwnedSurface};
 
 /// Parameters of [`Taa`](super::Taa).
 #[derive(Clone, Copy, Debug)]
@@ -98,8 +98,8 @@ impl Limits {
     }
 
     /// A copy of the buffers that the next frame's tests may compare.
-    pub(super) fn keep(&self, surface: Surface) -> SurfaceRecords {
-        SurfaceRecords::of(&self.compared(surface, self.plane_distance.is_some()))
+    pub(super) fn keep(&self, surface: Surface) -> OwnedSurface {
+        OwnedSurface::of(&self.compared(surface, self.plane_distance.is_some()))
     }
 
     /// A test without a threshold gets the one that all angles pass, or the default where its buffers are left out anyway.

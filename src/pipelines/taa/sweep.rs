@@ -24,7 +24,7 @@
 use std::ops::Range;
 
 use super::Params;
-use crate::image::{Pixels, Records, Run, SEGMENT, View, deinterleave, segments};
+use crate::image::{Interleaved, Pixels, Run, SEGMENT, View, deinterleave, segments};
 use crate::kernels::camera::dilate::{Choice, Dilation};
 use crate::kernels::fetch::reproject::{Fetch, Fetched};
 use crate::kernels::judge::alternation::hold;
@@ -77,9 +77,9 @@ impl Sweep<'_> {
         &self,
         merged: impl Iterator<Item = PixelsMut<'a>>,
         report: Option<Vec<Report>>,
-    ) -> (Records, usize) {
+    ) -> (Interleaved, usize) {
         let size = self.color.size;
-        let mut history = Records::blank(size, CHANNELS);
+        let mut history = Interleaved::blank(size, CHANNELS);
         let mut missing = vec![0; size.height.div_ceil(BAND)];
         let outs = PixelsMut::bands(size, CHANNELS, history.data_mut())
             .zip(merged)

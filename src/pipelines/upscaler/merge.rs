@@ -18,7 +18,7 @@ use std::ops::Range;
 
 use super::grids::Grids;
 use super::{Params, Past};
-use crate::image::{Image, Records, Run, SEGMENT, View, segments};
+use crate::image::{Image, Interleaved, Run, SEGMENT, View, segments};
 use crate::kernels::fetch::validate::rejection;
 use crate::kernels::judge::blend_factor;
 use crate::kernels::merge::blend::{Weighting, mix};
@@ -52,9 +52,9 @@ pub struct Merge<'a> {
 
 impl Merge<'_> {
     /// Returns the new history.
-    pub fn run(&self, report: Vec<Report>) -> Records {
+    pub fn run(&self, report: Vec<Report>) -> Interleaved {
         let size = self.color.size;
-        let mut history = Records::blank(size, CHANNELS);
+        let mut history = Interleaved::blank(size, CHANNELS);
         let outs = PixelsMut::bands(size, CHANNELS, history.data_mut()).zip(report);
         rows::run(self, size.height, outs);
         history
