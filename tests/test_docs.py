@@ -141,7 +141,7 @@ def test_tables_list_every_kernel():
     """The tables of README and of how it works have each compiled function once."""
     kernels = [name for name in yester.__all__ if isinstance(getattr(yester, name), types.BuiltinFunctionType)]
     for path, heading in (
-        (ROOT / "README.md", "## Which pipeline"),
+        (ROOT / "README.md", "## Building blocks"),
         (DOCS / "how_it_works.md", "## The flow of a frame"),
     ):
         names = [name for cells in rows(path, heading) for name in re.findall(r"`(\w+)`", cells[-1])]

@@ -213,20 +213,28 @@ def _parser() -> argparse.ArgumentParser:
     about = "one of %(choices)s (default: auto; svgf with its options). auto: svgf without what harms a shot"
     clean.add_argument("--method", choices=methods, help=about)
     clean.add_argument("--plan", metavar="FILE", type=_path, help="a plan written by yester plan, instead of a method")
-    about = "fewest later frames that each frame can use; 0 for none, as in real time (default: %(default)s; oidn: 0)"
+    about = "smallest number of later frames available to each frame; 0: earlier frames only, as in real time "
+    about += f"(default: {LOOKAHEAD}; oidn: 0)"
     clean.add_argument("--lookahead", metavar="N", type=whole, help=about)
-    options = clean.add_argument_group("method options", "defaults and further parameters: see the classes")
+    about = "a part of the parameters of yester.SVGF, TAA, BMFR, HalfRes, Recirculation and OIDN; for all, "
+    about += "python -c 'import yester; help(yester.SVGF)'"
+    options = clean.add_argument_group("method options", about)
 
     def option(name: str, about: str, **named: Any) -> None:
         of = ", ".join(method for method, (_, names) in _METHODS.items() if _argument(name) in names)
         options.add_argument(name, help=f"{of}: {about}", default=None, **named)
 
-    option("--alpha", "smallest weight of the new sample in the history, 0 to 1", type=float)
-    option("--iterations", "passes of the spatial filter, 0 to 16; with --choice, the initial number", type=int)
-    option("--sigma-luminance", "scale of luminance differences, in standard deviations", type=float)
+    about = "smallest weight of the new sample in the history, 0 to 1 (default: 0.2; bmfr: 0.05; taa: by preset)"
+    option("--alpha", about, type=float)
+    about = "passes of the spatial filter, 0 to 16; with --choice, the number used where there is no evidence "
+    about += "(default: 3; halfres: 4)"
+    option("--iterations", about, type=int)
+    about = "scale of luminance differences, in standard deviations; above 0 (default: 3; halfres: 4)"
+    option("--sigma-luminance", about, type=float)
     option("--feedback", "use the first pass's output as history: less noise, more bias", action="store_true")
     option("--fireflies", "redistribute samples far brighter than their surroundings", action="store_true")
-    about = "choose the number of passes per tile by how well it predicts; on by default, in halfres without albedo"
+    about = "choose the number of filter passes per tile; in temporal-oidn, mix in the denoised image of the "
+    about += "frame's own samples. On by default, in halfres only without albedo"
     option("--choice", about, action=argparse.BooleanOptionalAction)
     about = "add the error that new samples show to the result; on by default, except in taa"
     option("--innovation", about, action=argparse.BooleanOptionalAction)
@@ -254,7 +262,8 @@ def _parser() -> argparse.ArgumentParser:
     about = "folder for PNG files of the same names; for one file, also a name that ends in .png; an animation, if the "
     about += "name ends in .webp or .mp4"
     screen.add_argument("-o", "--output", metavar="OUT", type=_path, required=True, help=about)
-    screen.add_argument("--exposure", metavar="STOPS", type=float, default=0.0, help="%(default)s")
+    about = "exposure in stops (default: %(default)s)"
+    screen.add_argument("--exposure", metavar="STOPS", type=float, default=0.0, help=about)
     about = "tone curve: clip (default), reinhard or aces"
     screen.add_argument("--curve", choices=("clip", "reinhard", "aces"), default="clip", help=about)
     screen.add_argument("--fps", type=float, default=24.0, help="of animations; %(default)s")
@@ -263,10 +272,11 @@ def _parser() -> argparse.ArgumentParser:
     versus = command(
         _compare, "compare", "write a page that compares the frames of two or three folders, with exposure"
     )
-    for name, about in (("a", "EXR frames: a folder or a file"), ("b", "the same, otherwise denoised")):
+    for name, about in (("a", "EXR frames: a folder or a file"), ("b", "frames of the same names, to compare with A")):
         versus.add_argument(name, metavar=name.upper(), type=_path, help=about)
-    versus.add_argument("reference", metavar="REFERENCE", nargs="?", type=_path, help="the same without noise")
-    about = "%(default)s"
+    about = "frames of the same names without noise"
+    versus.add_argument("reference", metavar="REFERENCE", nargs="?", type=_path, help=about)
+    about = "output page (default: %(default)s)"
     versus.add_argument("-o", "--output", metavar="FILE", type=_path, default=Path("yester-compare.html"), help=about)
     versus.add_argument("--frames", metavar="N", type=count, default=8, help="evenly spread; %(default)s")
     versus.add_argument("--half", action="store_true", help="round to float16: a smaller page")
@@ -286,13 +296,13 @@ def _parser() -> argparse.ArgumentParser:
     ready = command(_prepare, "prepare", "prepare a training set from rendered sequences")
     about = "folders of EXR sequences, which may lie in folders, and Noisebase stores"
     ready.add_argument("inputs", metavar="IN", nargs="+", type=_path, help=about)
-    ready.add_argument("-o", "--output", metavar="DIR", type=_path, required=True, help="absent or empty")
+    about = "output folder; absent or empty, unless --resume"
+    ready.add_argument("-o", "--output", metavar="DIR", type=_path, required=True, help=about)
     about = "images of each frame, such as color history validity difference variance denoised demodulated reference"
     about += "; by default, all that the first sequence allows"
     ready.add_argument("--buffers", metavar="NAME", nargs="+", help=about)
-    ready.add_argument(
-        "--sizes", metavar="SIZE", nargs="+", choices=("full", "half"), default=["full"], help="full, half"
-    )
+    about = "sizes to write: full, half or both (default: full)"
+    ready.add_argument("--sizes", metavar="SIZE", nargs="+", choices=("full", "half"), default=["full"], help=about)
     ready.add_argument("--crop", metavar="WxH", type=extent, help="cut windows of this size from each sequence")
     ready.add_argument("--crops", metavar="N", type=count, default=1, help="windows per sequence; %(default)s")
     ready.add_argument("--seed", metavar="N", type=int, default=0, help="of the windows' places; %(default)s")

@@ -39,9 +39,10 @@ class Frame:
         Previous minus current position in pixels, x right, y down, jitter removed. The third channel, if given, is
         previous minus current depth, which makes the depth tests exact under motion. Unknown where it is not finite,
         or zero where nothing was hit; there, the pipelines take the motion of the still scene, if the cameras of both
-        frames tell it. With 3 channels, they look for it in every fourth row, and take it in all if it is found.
+        frames tell it. With 3 channels, pipelines search every fourth row for unknown motion, and the whole image if
+        they find any.
     ids : (H, W) array_like of int, optional
-        Object, mesh or material; 0 where nothing was hit. 0 may be an object as well, unless 2³² - 1 is one, too.
+        Object, mesh or material; 0 where nothing was hit. An object may also have id 0, provided that none has 2³² - 1.
     position : (H, W, 3) array_like of float, optional
         World space; not finite where nothing was hit.
     emission : (H, W, 3) array_like of float, optional

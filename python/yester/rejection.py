@@ -13,19 +13,19 @@ class Rejection(IntFlag):
     Attributes
     ----------
     OUTSIDE
-        The history lies outside the previous frame.
+        1: the history lies outside the previous frame.
     DEPTH
-        It has another depth than expected.
+        2: it has another depth than expected.
     NORMAL
-        It has another orientation.
+        4: it has another orientation.
     ID
-        It is another object.
+        8: it is another object.
     VELOCITY
-        The motion is longer than allowed.
+        16: the motion is longer than allowed.
     LUMINANCE
-        It has another brightness.
+        32: it has another brightness.
     MOTION
-        It moved otherwise.
+        64: it moved in another way.
 
     See Also
     --------
@@ -55,7 +55,7 @@ class Rejection(IntFlag):
     LUMINANCE = 32
     """It has another brightness."""
     MOTION = 64
-    """It moved otherwise."""
+    """It moved in another way."""
 
 
 #: The colour of each test in reports and on the live page.

@@ -19,8 +19,7 @@ from .frame import Frame
 
 __all__ = ["LOOKAHEAD", "denoise"]
 
-#: Default number of later frames. With 2, the last frames of a chunk had 1 to 2 % more error, measured when the results
-#: of both sides were still averaged.
+#: Default number of later frames. With 2, the last frames of a chunk have more error.
 LOOKAHEAD = 3
 
 #: Frames of a chunk per frame of lookahead. The backward run starts `lookahead` frames behind the chunk's end; these

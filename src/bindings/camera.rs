@@ -80,7 +80,8 @@ impl Camera {
     /// origin, target, up : (3,) array_like of float
     ///     World space, right-handed; `up` need not be perpendicular to the view.
     /// fov : float
-    ///     Field of view in degrees, above 0 and below 180, by so much that the matrix can be inverted.
+    ///     Field of view in degrees, above 0 and below 180; `ValueError` if it is so close to either that the matrix is
+    ///     singular.
     /// width, height : int
     ///     The image's size in pixels.
     /// fov_axis : {"x", "y"}, default "x"
@@ -836,8 +837,8 @@ pub fn dilate_motion<'py>(
 ///     down, and the same of depth. Pixels with NaN or infinity are left out.
 /// depth : (H, W) array_like of float, optional
 ///     View-space z of the next frame, +inf where nothing was hit; pixels with NaN, or not above 0, are left out. Where
-///     several pixels come from one, the nearest in this frame counts, by the third channel of `motion`. By default all
-///     are equally far, whatever that says.
+///     several pixels come from one, the nearest in this frame counts, by the third channel of `motion`. Without depth,
+///     all pixels count as equally far, even if motion has a third channel.
 /// still : (H, W, 2) or (H, W, 3) array_like of float, optional
 ///     Motion to the next frame if nothing moved but the camera, with as many channels as `motion`: `motion_vectors` of
 ///     this frame with the next frame's camera as the previous one. Exact where that is so; it replaces inverted motion

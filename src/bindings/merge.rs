@@ -382,7 +382,7 @@ pub fn combine_histories<'py>(
     Ok((color.array()?, moments.array()?, length.array()?))
 }
 
-/// Mix the mean of a still scene's samples into a denoised image, by how far each is from the truth.
+/// Mix the mean of a still scene's samples into a denoised image, by how far each is from the noise-free image.
 ///
 /// Parameters
 /// ----------

@@ -274,7 +274,8 @@ pub fn restore_detail_<'py>(
 ///     The light above which taps that are brighter than the centre weigh less, as light that leaks into the dark is
 ///     seen more than dark that leaks into light; above 0. Needs `history_length`. By default all weigh alike.
 /// settled : float, default 3.5
-///     Fewest samples of pixels of which they do, with `tap_exposure`; from 0. The noise of fewer would be darkened.
+///     Smallest history length, in samples, that both pixels must have for `tap_exposure` to apply; from 0. Shorter
+///     histories are so noisy that it would darken them.
 /// sigma_normal : float, default 128.0
 ///     Sharpness of the normal weight; from 0. About the exponent in (n·n')^sigma_normal, less where normals are rough.
 /// sigma_depth, sigma_plane : float, default 0.5 and 0.05
@@ -743,8 +744,8 @@ fn bytes<'py>(mask: &Bound<'py, PyAny>, name: &str) -> PyResult<Bound<'py, PyAny
 /// mask : (H, W) bool, or None
 ///     True at all pixels of surfaces of which the largest albedo, over pixels and channels, is at least 0.001, and no
 ///     more than one in 64 pixels has an albedo whose largest channel is above 1.25, or not 0 and below 1e-5.
-///     None without ids, if no more than one in 1024 pixels of the image has: `demodulate` and `remodulate` take it as
-///     their default.
+///     None if there are no ids and no more than one in 1024 pixels of the image has an albedo out of that range: pass
+///     it on as `where` of `demodulate` and `remodulate`, whose default it is.
 ///
 /// Raises
 /// ------

@@ -90,12 +90,12 @@ _METHODS = {
     "OpenCV, non-local means": "non-local means, h 0.2",
     "noisy input": "noisy input",
 }
-#: Pipelines: name, task of the benchmark, required buffers, purpose, failures.
+#: Pipelines: name, task of the benchmark, most useful buffers, purpose, failures.
 _PIPELINES = (
     (
         "SVGF",
         "SVGF",
-        "nothing; better with every buffer",
+        "every buffer; none is required",
         "path-traced sequences",
         "mirrors blur; noisy moving shadows lag",
     ),
@@ -104,7 +104,13 @@ _PIPELINES = (
     ("OIDN", "OIDN, temporal", "albedo, normals", "stills; with `temporal=True`, sequences", "time; history that lags"),
     ("TAA", "TAA", "motion", "frames without noise", "noise: it darkens and flickers"),
     ("Upscaler", "Upscaler, 2", "jitter, motion", "frames of half the size", "noise; features thinner than a pixel"),
-    ("Recirculation", "Recirculation, of all", "camera, depth", "a few traced pixels a frame", "light that changes"),
+    (
+        "Recirculation",
+        "Recirculation, of all",
+        "camera, and depth or position (required)",
+        "a few traced pixels a frame",
+        "light that changes",
+    ),
 )
 _LABELS = {"psnr": "PSNR, dB", "relmse": "relMSE", "flip": "FLIP", "temporal_error": "temporal error"}
 _BETTER = {"psnr": max, "relmse": min, "flip": min, "temporal_error": min}
@@ -355,8 +361,8 @@ def pipelines(folder: Path) -> str:
     spent = {
         row["task"]: float(row["ms"]) for row in _rows(folder / "speed.csv") if row["simd"] and row["threads"] == "2"
     }
-    rows = [[f"`{name}`", needs, good, f"{spent[task]:.0f}", bad] for name, task, needs, good, bad in _PIPELINES]
-    return _table(["", "needs", "for", "ms at 1080p", "fails"], rows)
+    rows = [[f"`{name}`", useful, good, f"{spent[task]:.0f}", bad] for name, task, useful, good, bad in _PIPELINES]
+    return _table(["", "works best with", "for", "ms at 1080p", "fails"], rows)
 
 
 def kernels(folder: Path) -> str:

@@ -13,9 +13,9 @@ use crate::pipelines::{history, svgf};
 ///
 /// All buffers have full resolution, and colour is NaN where no path was traced. Untraced pixels are reconstructed from
 /// traced neighbours on the same surface; a reconstructed colour counts for a fraction of a sample, the smaller the
-/// longer the history. Otherwise this is `SVGF`: history is reprojected, validated tap by tap, merged with traced and
-/// reconstructed samples, and filtered. Any pattern and density of traced pixels works; the patterns of successive
-/// frames should cover all pixels, as those of `HalfRes.offset` do.
+/// longer the history. The rest is `SVGF` with other parameters: history is reprojected, validated tap by tap, merged
+/// with traced and reconstructed samples, and filtered. Any pattern and density of traced pixels works; the patterns of
+/// successive frames should cover all pixels, as those of `HalfRes.offset` do.
 ///
 /// Parameters
 /// ----------
@@ -62,8 +62,11 @@ use crate::pipelines::{history, svgf};
 ///
 /// Each step is that of `SVGF` with one more function: the demodulated colour goes through `reconstruct`, then to
 /// `accumulate` with weight 1 where it was traced and ``weight / (1 + N)`` elsewhere, N being the reprojected history
-/// length, so that a long history converges to the mean of its own samples. The gradient (with windows twice as wide)
-/// and the reflections use traced samples only, and the last stage clips history to 0.6 standard deviations.
+/// length, so that a long history converges to the mean of its own samples. The gradient and the reflections use traced
+/// samples only. Besides the parameters above, these differ from `SVGF`: the filter has 5×5 taps (``radius=2`` in
+/// `atrous`); `choice` has ``strictness=1`` instead of 0.5, and uses predictions that are worth 0.9 samples or more
+/// instead of 2.5; `temporal_gradient` has ``noise=2.4, passes=4, widest=6``, whose windows are twice as wide; and the
+/// last stage clips history to 0.6 standard deviations.
 ///
 /// Examples
 /// --------

@@ -130,7 +130,9 @@ impl Pipeline {
 /// color : (H, W, 3) float32
 ///     Linear; finite everywhere.
 /// history_length : (H, W) float32
-///     Samples that went into each pixel, up to 1/alpha.
+///     Number of samples that each pixel's result is worth: at most 1/alpha from `step`, without limit while
+///     `average_still` averages, both sides together from `denoise`; of `Upscaler`, samples per output pixel; of
+///     `Recirculation`, the quality.
 /// confidence : (H, W) float32
 ///     Accepted fraction of the history's footprint, 0 to 1; 0 where history was rejected (disocclusion).
 /// rejection : (H, W) uint8
@@ -152,6 +154,13 @@ impl Pipeline {
 /// missing : int, default 0
 ///     Pixels whose sample was not finite.
 ///
+/// Raises
+/// ------
+/// ValueError
+///     On wrong shapes.
+/// TypeError
+///     If an array has another dtype.
+///
 /// See Also
 /// --------
 /// SVGF.step : Returns an output.
@@ -172,7 +181,7 @@ pub struct Output {
     choice: Option<Py<PyArrayDyn<f32>>>,
     /// Motion for an output stage behind the pipeline: (H, W, 2) float32, or None.
     motion: Option<Py<PyArrayDyn<f32>>>,
-    /// Samples that went into each pixel, up to 1/alpha: (H, W) float32.
+    /// Number of samples that each pixel's result is worth: (H, W) float32.
     history_length: Py<PyArrayDyn<f32>>,
     /// Accepted fraction of the history's footprint, 0 to 1; 0 at disocclusions: (H, W) float32.
     confidence: Py<PyArrayDyn<f32>>,

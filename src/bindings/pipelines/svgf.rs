@@ -135,14 +135,14 @@ use crate::pipelines::{history, svgf, taa};
 /// The method is that of Schied et al. [1]_, with their later gradient [2]_. Each step consists of this package's
 /// functions and gives their bits: `motion_vectors`, `depth_change` (without cameras), `is_reflectance` (with albedo),
 /// `material_ids` (with albedo, without ids), `demodulate`, `repetition`, `reproject` (with `consistency`),
-/// `incoherent_guides`, `light_change` (without a replay), `suppress_fireflies`, `temporal_gradient`, `virtual_motion`
-/// and `prediction_gain`, `accumulate`, `combine_histories` (with `later`), `choice`, `estimate_variance`, `atrous`,
-/// `compare_candidates` and `innovation` (with the `exposure` of the history), `remodulate`, those of `TAA`,
-/// `innovation` of its result and history (with the `exposure` of the result, ``strictness=12, share=0.7``), and with
-/// `average_still` those of the mean (``strictness=24, share=0.7``): `innovation`, `demodulate`, `atrous`, `remodulate`
-/// and `converge`. Of the history and of `later`, no more than ``1 / alpha - 1`` samples count. The correction by a
-/// replay is an `innovation` of history, too: its samples are the replayed ones' change, relative to the samples
-/// blurred by `atrous`.
+/// `incoherent_guides`, `light_change` (without a replay), `suppress_fireflies`, `temporal_gradient` (``noise=2.4,
+/// passes=3, widest=5``), `virtual_motion` and `prediction_gain`, `accumulate`, `combine_histories` (with `later`),
+/// `choice`, `estimate_variance`, `atrous`, `compare_candidates` and `innovation` (with the `exposure` of the history),
+/// `remodulate`, those of `TAA`, `innovation` of its result and history (with the `exposure` of the result,
+/// ``strictness=12, share=0.7``), and with `average_still` those of the mean (``strictness=24, share=0.7``):
+/// `innovation`, `demodulate`, `atrous`, `remodulate` and `converge`. Of the history and of `later`, no more than
+/// ``1 / alpha - 1`` samples count. The correction by a replay is an `innovation` of history, too: its samples are the
+/// replayed ones' change, relative to the samples blurred by `atrous`.
 ///
 /// References
 /// ----------

@@ -87,16 +87,17 @@ use crate::pipelines::taa;
 ///     Without noise, part of the aliasing is mistaken for change. For denoised frames, see the `samples` of `step`.
 /// choice : bool, optional
 ///     With the `samples` of denoised frames: each tile of 8×8 pixels mixes the result with the denoised colour and
-///     the samples, by the shares that would have made the error of the frame before least (`collocate`,
+///     the samples, by the weights that would have made the error of the frame before least (`collocate`,
 ///     `collocation_shares`; frames are fetched by `reproject` without fallback). Frames of many samples are
-///     antialiased as they come, and have little noise. A tile shows no samples if fewer than 3 of 10 tiles, up to 4
-///     tiles away, ask for more than 5 % of them, and no denoised colour either, unless that would be a quarter of the
-///     best mixture for all tiles together. If it is not, and fewer than one in 8 shows anything but the result, none
-///     does, and the next five frames are not judged: so it mostly is with frames of one sample. It always is where
-///     they have the noise of the frame before (`repetition`), which comes with a `UserWarning`. With known `jitter`,
-///     frames are not antialiased, and the best mixture for all tiles does not count. By luminance, a sample counts for
-///     no more than eight times, and is shown as no more than three times, the result plus a sixteenth of its
-///     exposure, so that fireflies do not return.
+///     antialiased as they come, and have little noise. Samples are mixed into a tile only if at least 3 of 10 tiles,
+///     up to 4 tiles away along each axis, ask for a weight above 0.05. Denoised colour is mixed in only there, too,
+///     with one exception: into all tiles, if its best weight for all of them together is at least 0.25 and at least a
+///     quarter of them ask for more than 0.05. The exception does not apply with known `jitter`, as such frames are not
+///     antialiased. Where it does not hold and fewer than one tile in 8 would show anything but the result, the whole
+///     frame shows the result alone, and the next five frames are not evaluated. So it mostly is with one sample per
+///     pixel, and always with the noise of the frame before (`repetition`), which comes with a `UserWarning`. By
+///     luminance, a sample counts for no more than eight times, and is shown as no more than three times, the result
+///     plus a sixteenth of its exposure, so that fireflies do not return.
 ///     By default only preset "denoised" does this.
 ///
 /// Raises
@@ -119,7 +120,29 @@ use crate::pipelines::taa;
 /// `alternation`, `anti_lag`, `temporal_gradient` (``noise=2.2, passes=3, widest=5``), `blend`. The weight of a pixel's
 /// N-th sample is at least 1/N. With a gradient λ, N is first shortened to N (1 - λ)¹⁰, and the weight a becomes
 /// ``lerp(a, 1, λ)``, as in `accumulate`. Preset "karis" follows Karis [1]_, "filament" Google's Filament [2]_; Yang et
-/// al. [3]_ survey the field.
+/// al. [3]_ survey the field. The presets set:
+///
+/// ===============  ==================  ==================  ==========  ==========  ===============
+/// parameter        best                denoised            textbook    karis       filament
+/// ===============  ==================  ==================  ==========  ==========  ===============
+/// alpha            0.05                0.1                 0.05        0.05        0.12
+/// fast_alpha       0.25                0.3                 0.05        0.05        0.12
+/// speed            (0, 1)              (0, 1)              (2, 16)     (2, 16)     (2, 16)
+/// unguided_alpha   0                   0                   0           0           0
+/// guided_exposure  0                   16                  0           0           0
+/// dilate           "3x3"               "3x3"               "none"      "cross"     "3x3"
+/// dilate_margin    0.1                 0.1                 0           0           0
+/// dilate_movers    True                False               True        True        True
+/// filter           "catmull-rom-5"     "catmull-rom-5"     "bilinear"  "bilinear"  "catmull-rom-5"
+/// box              "variance"          "variance"          "minmax"    "rounded"   "intersection"
+/// gamma            1                   0.75                1           1           1
+/// window           "3x3"               "3x3"               "3x3"       "3x3"       "3x3"
+/// space            "tonemapped-ycocg"  "tonemapped-ycocg"  "rgb"       "ycocg"     "ycocg"
+/// response         "clamp"             "center"            "clamp"     "center"    "current"
+/// weighting        "none"              "none"              "none"      "tone"      "tone"
+/// flicker          1                   1                   1           0.2         1
+/// choice           False               True                False       False       False
+/// ===============  ==================  ==================  ==========  ==========  ===============
 ///
 /// References
 /// ----------

@@ -108,15 +108,17 @@ def findings(mistake: Mistake, **named: Any) -> list[Finding]:
 
 
 def table(**named: Any) -> str:
-    """All mistakes and what was said, in Markdown."""
-    lines = ["| planted | buffers | found in | what was said | margin |", "|---|---|---|---|---|"]
+    """All mistakes, in which frames, and what was said, in Markdown."""
+    lines = ["| planted | buffers | samples | found in | what was said | margin |", "|---|---|---|---|---|---|"]
     for mistake in MISTAKES:
         said = [f for f in findings(mistake, **named) if f.verdict == "wrong" or f.subject == mistake.subject]
         few = "all" if mistake.buffers == Mistake.buffers else ", ".join(mistake.buffers)
+        samples = "jittered" if mistake.jittered else "random"
         for finding in said or [Finding("", "right", "nothing is wrong")]:
             margin = f"{finding.margin:.3f} ± {finding.error:.3f}" if np.isfinite(finding.margin) else ""
             text = f"{finding.verdict}: {finding.stored}" if finding.subject else finding.stored
-            lines.append(f"| {mistake.name} | {few} | {finding.subject or '-'} | {text} | {margin} |")
+            cells = mistake.name, few, samples, finding.subject or "-", text, margin
+            lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)
 
 

@@ -194,7 +194,7 @@ _NETWORKS = ("OIDN fast", "OIDN balanced", "OIDN high")
 
 _TEXTBOOK: dict[str, Any] = {"box": "minmax", "space": "rgb", "response": "clamp"}
 _HULL: dict[str, Any] = {"box": "exact-hull", "response": "current"}
-_FIVE_TAPS: dict[str, Any] = {"filter": "catmull-rom-5", "dilate": "3x3", "box": "variance", "space": "ycocg"}
+_UNMAPPED: dict[str, Any] = {"filter": "catmull-rom-5", "dilate": "3x3", "box": "variance", "space": "ycocg"}
 _PUBLISHED: dict[str, Any] = {
     **{"radius": 2, "sigma_luminance": 4.0, "relative_noise": math.inf, "tap_exposure": math.inf},
     **{"sigma_normal": 128.0, "feedback": True, "reflections": ()},
@@ -316,14 +316,19 @@ TASKS = (
     Task("regress, all", "regress", _named("color", "normal", "camera", geometry="depth"), {"features": "all"}),
     Task("morphological_aa", "morphological_aa", _named("color")),
     Task("TAA", "TAA", jitter=(0.25, -0.125)),
-    Task("TAA, 5 taps", "TAA", {}, _FIVE_TAPS, (_LINEAR,)),
+    Task("TAA, box without tone mapping", "TAA", {}, _UNMAPPED, (_LINEAR,)),
     Task("BMFR", "BMFR", rivals=("OIDN high",)),
     Task("OIDN, temporal", "OIDN", {}, {"temporal": True}, reference=False),
     Task("Recirculation, of all", "Recirculation"),
     Task("Upscaler, 2", "Upscaler", jitter=(0.25, -0.125)),
     Task("SVGF", "SVGF", multiply_adds=_AROUND + 4 * (_pass(3) + _dim(3))),
     Task(
-        "SVGF, 5 passes", "SVGF", {}, {"iterations": 5, "choice": False}, _NETWORKS, _AROUND + 5 * (_pass(3) + _dim(3))
+        "SVGF, 5 passes, no choice",
+        "SVGF",
+        {},
+        {"iterations": 5, "choice": False},
+        _NETWORKS,
+        _AROUND + 5 * (_pass(3) + _dim(3)),
     ),
     Task("SVGF, no innovation", "SVGF", {}, {"innovation": False}),
     Task("HalfRes", "HalfRes"),

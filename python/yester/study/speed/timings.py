@@ -217,10 +217,10 @@ def targets(timings: Sequence[Timing]) -> list[Target]:
         faster("clip_history, blended", "OpenCV blur + sqrBoxFilter", 2.5),
         Target(f"atrous, 1 pass with its guide: fraction of the limit{binding}", "≥", 0.4, one.share if one else None),
         Target("atrous, a further pass: fraction of the limit", "≥", 0.4, further),
-        slower("TAA, 5 taps", "OpenCV remap, linear", 3.5),
-        faster("SVGF", "OIDN fast", 15.0, "SVGF, 5 passes"),
+        slower("TAA, box without tone mapping", "OpenCV remap, linear", 3.5),
+        faster("SVGF", "OIDN fast", 15.0, "SVGF, 5 passes, no choice"),
         faster("SVGF, as published but 3x3", "OIDN fast", 22.0),
-        faster("SVGF, 5 passes", REFERENCE, 40.0),
+        faster("SVGF, 5 passes, no choice", REFERENCE, 40.0),
         *(
             Target(
                 f"{task}: time of one thread relative to two",
