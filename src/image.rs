@@ -573,7 +573,7 @@ pub fn plane_bands<T>(plane: &mut [T], size: Size) -> impl Iterator<Item = BandM
 }
 
 /// The bands of planar data.
-fn bands_of<T>(data: &mut [T], size: Size) -> impl Iterator<Item = BandMut<'_, T>> {
+pub fn bands_of<T>(data: &mut [T], size: Size) -> impl Iterator<Item = BandMut<'_, T>> {
     let Size { width, height } = size;
     let mut planes: Vec<_> = data
         .chunks_mut(size.pixels())

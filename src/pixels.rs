@@ -8,7 +8,7 @@ use std::ops::RangeInclusive;
 
 use crate::error::Result;
 use crate::image::{
-    BandMut, Image, Pixels, Run, SEGMENT, Size, check_data, deinterleave, interleave, plane_bands,
+    BandMut, Image, Pixels, Run, SEGMENT, Size, bands_of, check_data, deinterleave, interleave,
     segments,
 };
 use crate::lanes::LANES;
@@ -95,7 +95,7 @@ impl<'a> PixelsMut<'a> {
 
     /// The bands of planar data.
     pub(crate) fn planar(size: Size, data: &'a mut [f32]) -> impl Iterator<Item = PixelsMut<'a>> {
-        plane_bands(data, size).map(PixelsMut::Planar)
+        bands_of(data, size).map(PixelsMut::Planar)
     }
 
     /// Reads a run's first three channels.

@@ -147,7 +147,8 @@ class Camera:
         origin, target, up : (3,) array_like of float
             World space, right-handed; `up` need not be perpendicular to the view.
         fov : float
-            Field of view in degrees, above 0 and below 180, by so much that the matrix can be inverted.
+            Field of view in degrees, above 0 and below 180; `ValueError` if it is so close to either that the matrix is
+            singular.
         width, height : int
             The image's size in pixels.
         fov_axis : {"x", "y"}, default "x"
@@ -375,7 +376,9 @@ class Output:
     color : (H, W, 3) float32
         Linear; finite everywhere.
     history_length : (H, W) float32
-        Samples that went into each pixel, up to 1/alpha.
+        Number of samples that each pixel's result is worth: at most 1/alpha from `step`, without limit while
+        `average_still` averages, both sides together from `denoise`; of `Upscaler`, samples per output pixel; of
+        `Recirculation`, the quality.
     confidence : (H, W) float32
         Accepted fraction of the history's footprint, 0 to 1; 0 where history was rejected (disocclusion).
     rejection : (H, W) uint8
@@ -396,6 +399,13 @@ class Output:
         "hit_distance" and "jitter".
     missing : int, default 0
         Pixels whose sample was not finite.
+
+    Raises
+    ------
+    ValueError
+        On wrong shapes.
+    TypeError
+        If an array has another dtype.
 
     See Also
     --------
@@ -435,7 +445,7 @@ class Output:
         """Motion for an output stage behind the pipeline: (H, W, 2) float32, or None."""
     @property
     def history_length(self) -> _Floats:
-        """Samples that went into each pixel, up to 1/alpha: (H, W) float32."""
+        """Number of samples that each pixel's result is worth: (H, W) float32."""
     @property
     def confidence(self) -> _Floats:
         """Accepted fraction of the history's footprint, 0 to 1; 0 at disocclusions: (H, W) float32."""
@@ -682,14 +692,14 @@ class SVGF(Pipeline):
     The method is that of Schied et al. [1]_, with their later gradient [2]_. Each step consists of this package's
     functions and gives their bits: `motion_vectors`, `depth_change` (without cameras), `is_reflectance` (with albedo),
     `material_ids` (with albedo, without ids), `demodulate`, `repetition`, `reproject` (with `consistency`),
-    `incoherent_guides`, `light_change` (without a replay), `suppress_fireflies`, `temporal_gradient`, `virtual_motion`
-    and `prediction_gain`, `accumulate`, `combine_histories` (with `later`), `choice`, `estimate_variance`, `atrous`,
-    `compare_candidates` and `innovation` (with the `exposure` of the history), `remodulate`, those of `TAA`,
-    `innovation` of its result and history (with the `exposure` of the result, ``strictness=12, share=0.7``), and with
-    `average_still` those of the mean (``strictness=24, share=0.7``): `innovation`, `demodulate`, `atrous`, `remodulate`
-    and `converge`. Of the history and of `later`, no more than ``1 / alpha - 1`` samples count. The correction by a
-    replay is an `innovation` of history, too: its samples are the replayed ones' change, relative to the samples
-    blurred by `atrous`.
+    `incoherent_guides`, `light_change` (without a replay), `suppress_fireflies`, `temporal_gradient` (``noise=2.4,
+    passes=3, widest=5``), `virtual_motion` and `prediction_gain`, `accumulate`, `combine_histories` (with `later`),
+    `choice`, `estimate_variance`, `atrous`, `compare_candidates` and `innovation` (with the `exposure` of the history),
+    `remodulate`, those of `TAA`, `innovation` of its result and history (with the `exposure` of the result,
+    ``strictness=12, share=0.7``), and with `average_still` those of the mean (``strictness=24, share=0.7``):
+    `innovation`, `demodulate`, `atrous`, `remodulate` and `converge`. Of the history and of `later`, no more than
+    ``1 / alpha - 1`` samples count. The correction by a replay is an `innovation` of history, too: its samples are the
+    replayed ones' change, relative to the samples blurred by `atrous`.
 
     References
     ----------
@@ -815,9 +825,9 @@ class HalfRes(SVGF):
 
     All buffers have full resolution, and colour is NaN where no path was traced. Untraced pixels are reconstructed from
     traced neighbours on the same surface; a reconstructed colour counts for a fraction of a sample, the smaller the
-    longer the history. Otherwise this is `SVGF`: history is reprojected, validated tap by tap, merged with traced and
-    reconstructed samples, and filtered. Any pattern and density of traced pixels works; the patterns of successive
-    frames should cover all pixels, as those of `HalfRes.offset` do.
+    longer the history. The rest is `SVGF` with other parameters: history is reprojected, validated tap by tap, merged
+    with traced and reconstructed samples, and filtered. Any pattern and density of traced pixels works; the patterns of
+    successive frames should cover all pixels, as those of `HalfRes.offset` do.
 
     Parameters
     ----------
@@ -864,8 +874,11 @@ class HalfRes(SVGF):
 
     Each step is that of `SVGF` with one more function: the demodulated colour goes through `reconstruct`, then to
     `accumulate` with weight 1 where it was traced and ``weight / (1 + N)`` elsewhere, N being the reprojected history
-    length, so that a long history converges to the mean of its own samples. The gradient (with windows twice as wide)
-    and the reflections use traced samples only, and the last stage clips history to 0.6 standard deviations.
+    length, so that a long history converges to the mean of its own samples. The gradient and the reflections use traced
+    samples only. Besides the parameters above, these differ from `SVGF`: the filter has 5×5 taps (``radius=2`` in
+    `atrous`); `choice` has ``strictness=1`` instead of 0.5, and uses predictions that are worth 0.9 samples or more
+    instead of 2.5; `temporal_gradient` has ``noise=2.4, passes=4, widest=6``, whose windows are twice as wide; and the
+    last stage clips history to 0.6 standard deviations.
 
     Examples
     --------
@@ -960,7 +973,8 @@ class BMFR(Pipeline):
     by_confidence : bool, default False
         Raise the new sample's weight where confidence in history is low: ``alpha + (1 - confidence) (1 - alpha)``.
     gradient : bool, default True
-        Correct and shorten history where the light changes, as in `SVGF`.
+        Correct and shorten history where the light changes, as in `SVGF`, with ``noise=2.2, passes=3, widest=5`` in
+        `temporal_gradient`.
     fireflies : bool, default False
         First clamp samples far brighter than their surroundings and their history, and redistribute the excess over
         their surface (`suppress_fireflies`).
@@ -1132,16 +1146,17 @@ class TAA(Pipeline):
         Without noise, part of the aliasing is mistaken for change. For denoised frames, see the `samples` of `step`.
     choice : bool, optional
         With the `samples` of denoised frames: each tile of 8×8 pixels mixes the result with the denoised colour and
-        the samples, by the shares that would have made the error of the frame before least (`collocate`,
+        the samples, by the weights that would have made the error of the frame before least (`collocate`,
         `collocation_shares`; frames are fetched by `reproject` without fallback). Frames of many samples are
-        antialiased as they come, and have little noise. A tile shows no samples if fewer than 3 of 10 tiles, up to 4
-        tiles away, ask for more than 5 % of them, and no denoised colour either, unless that would be a quarter of the
-        best mixture for all tiles together. If it is not, and fewer than one in 8 shows anything but the result, none
-        does, and the next five frames are not judged: so it mostly is with frames of one sample. It always is where
-        they have the noise of the frame before (`repetition`), which comes with a `UserWarning`. With known `jitter`,
-        frames are not antialiased, and the best mixture for all tiles does not count. By luminance, a sample counts for
-        no more than eight times, and is shown as no more than three times, the result plus a sixteenth of its
-        exposure, so that fireflies do not return.
+        antialiased as they come, and have little noise. Samples are mixed into a tile only if at least 3 of 10 tiles,
+        up to 4 tiles away along each axis, ask for a weight above 0.05. Denoised colour is mixed in only there, too,
+        with one exception: into all tiles, if its best weight for all of them together is at least 0.25 and at least a
+        quarter of them ask for more than 0.05. The exception does not apply with known `jitter`, as such frames are not
+        antialiased. Where it does not hold and fewer than one tile in 8 would show anything but the result, the whole
+        frame shows the result alone, and the next five frames are not evaluated. So it mostly is with one sample per
+        pixel, and always with the noise of the frame before (`repetition`), which comes with a `UserWarning`. By
+        luminance, a sample counts for no more than eight times, and is shown as no more than three times, the result
+        plus a sixteenth of its exposure, so that fireflies do not return.
         By default only preset "denoised" does this.
 
     Raises
@@ -1164,7 +1179,29 @@ class TAA(Pipeline):
     `alternation`, `anti_lag`, `temporal_gradient` (``noise=2.2, passes=3, widest=5``), `blend`. The weight of a pixel's
     N-th sample is at least 1/N. With a gradient λ, N is first shortened to N (1 - λ)¹⁰, and the weight a becomes
     ``lerp(a, 1, λ)``, as in `accumulate`. Preset "karis" follows Karis [1]_, "filament" Google's Filament [2]_; Yang et
-    al. [3]_ survey the field.
+    al. [3]_ survey the field. The presets set:
+
+    ===============  ==================  ==================  ==========  ==========  ===============
+    parameter        best                denoised            textbook    karis       filament
+    ===============  ==================  ==================  ==========  ==========  ===============
+    alpha            0.05                0.1                 0.05        0.05        0.12
+    fast_alpha       0.25                0.3                 0.05        0.05        0.12
+    speed            (0, 1)              (0, 1)              (2, 16)     (2, 16)     (2, 16)
+    unguided_alpha   0                   0                   0           0           0
+    guided_exposure  0                   16                  0           0           0
+    dilate           "3x3"               "3x3"               "none"      "cross"     "3x3"
+    dilate_margin    0.1                 0.1                 0           0           0
+    dilate_movers    True                False               True        True        True
+    filter           "catmull-rom-5"     "catmull-rom-5"     "bilinear"  "bilinear"  "catmull-rom-5"
+    box              "variance"          "variance"          "minmax"    "rounded"   "intersection"
+    gamma            1                   0.75                1           1           1
+    window           "3x3"               "3x3"               "3x3"       "3x3"       "3x3"
+    space            "tonemapped-ycocg"  "tonemapped-ycocg"  "rgb"       "ycocg"     "ycocg"
+    response         "clamp"             "center"            "clamp"     "center"    "current"
+    weighting        "none"              "none"              "none"      "tone"      "tone"
+    flicker          1                   1                   1           0.2         1
+    choice           False               True                False       False       False
+    ===============  ==================  ==================  ==========  ==========  ===============
 
     References
     ----------
@@ -1816,8 +1853,8 @@ def invert_motion(
         down, and the same of depth. Pixels with NaN or infinity are left out.
     depth : (H, W) array_like of float, optional
         View-space z of the next frame, +inf where nothing was hit; pixels with NaN, or not above 0, are left out. Where
-        several pixels come from one, the nearest in this frame counts, by the third channel of `motion`. By default all
-        are equally far, whatever that says.
+        several pixels come from one, the nearest in this frame counts, by the third channel of `motion`. Without depth,
+        all pixels count as equally far, even if motion has a third channel.
     still : (H, W, 2) or (H, W, 3) array_like of float, optional
         Motion to the next frame if nothing moved but the camera, with as many channels as `motion`: `motion_vectors` of
         this frame with the next frame's camera as the previous one. Exact where that is so; it replaces inverted motion
@@ -3063,7 +3100,7 @@ def converge(
     strictness: float = 1.0,
     out: _Floats | None = None,
 ) -> _Floats:
-    """Mix the mean of a still scene's samples into a denoised image, by how far each is from the truth.
+    """Mix the mean of a still scene's samples into a denoised image, by how far each is from the noise-free image.
 
     Parameters
     ----------
@@ -3820,7 +3857,8 @@ def atrous(
         The light above which taps that are brighter than the centre weigh less, as light that leaks into the dark is
         seen more than dark that leaks into light; above 0. Needs `history_length`. By default all weigh alike.
     settled : float, default 3.5
-        Fewest samples of pixels of which they do, with `tap_exposure`; from 0. The noise of fewer would be darkened.
+        Smallest history length, in samples, that both pixels must have for `tap_exposure` to apply; from 0. Shorter
+        histories are so noisy that it would darken them.
     sigma_normal : float, default 128.0
         Sharpness of the normal weight; from 0. About the exponent in (n·n')^sigma_normal, less where normals are rough.
     sigma_depth, sigma_plane : float, default 0.5 and 0.05
@@ -3946,7 +3984,8 @@ def atrous(
         The light above which taps that are brighter than the centre weigh less, as light that leaks into the dark is
         seen more than dark that leaks into light; above 0. Needs `history_length`. By default all weigh alike.
     settled : float, default 3.5
-        Fewest samples of pixels of which they do, with `tap_exposure`; from 0. The noise of fewer would be darkened.
+        Smallest history length, in samples, that both pixels must have for `tap_exposure` to apply; from 0. Shorter
+        histories are so noisy that it would darken them.
     sigma_normal : float, default 128.0
         Sharpness of the normal weight; from 0. About the exponent in (n·n')^sigma_normal, less where normals are rough.
     sigma_depth, sigma_plane : float, default 0.5 and 0.05
@@ -4806,8 +4845,8 @@ def is_reflectance(
     mask : (H, W) bool, or None
         True at all pixels of surfaces of which the largest albedo, over pixels and channels, is at least 0.001, and no
         more than one in 64 pixels has an albedo whose largest channel is above 1.25, or not 0 and below 1e-5.
-        None without ids, if no more than one in 1024 pixels of the image has: `demodulate` and `remodulate` take it as
-        their default.
+        None if there are no ids and no more than one in 1024 pixels of the image has an albedo out of that range: pass
+        it on as `where` of `demodulate` and `remodulate`, whose default it is.
 
     Raises
     ------
@@ -4871,8 +4910,8 @@ def is_reflectance(
     mask : (H, W) bool, or None
         True at all pixels of surfaces of which the largest albedo, over pixels and channels, is at least 0.001, and no
         more than one in 64 pixels has an albedo whose largest channel is above 1.25, or not 0 and below 1e-5.
-        None without ids, if no more than one in 1024 pixels of the image has: `demodulate` and `remodulate` take it as
-        their default.
+        None if there are no ids and no more than one in 1024 pixels of the image has an albedo out of that range: pass
+        it on as `where` of `demodulate` and `remodulate`, whose default it is.
 
     Raises
     ------

@@ -95,11 +95,13 @@ pub struct Won {
 }
 
 impl Won {
-    /// The motion of what is seen, texture included: the surface's own where it has texture. None if that is so everywhere, or
-    /// nothing tells.
+    /// The motion of what is seen, texture included: the surface's own where it has texture. None if it is so everywhere.
+    /// Without albedo, the candidates were compared with their texture, so that the motion is that of what is seen.
     pub fn seen(&mut self, own: Pixels, albedo: Option<Pixels>) -> Option<&Image> {
-        let (motion, albedo) = self.motion.as_mut().zip(albedo)?;
-        rows::run(&Seen { own, albedo }, own.size.height, motion.bands());
+        let motion = self.motion.as_mut()?;
+        if let Some(albedo) = albedo {
+            rows::run(&Seen { own, albedo }, own.size.height, motion.bands());
+        }
         Some(motion)
     }
 }

@@ -226,16 +226,8 @@ impl Svgf {
         let averages = rests && noise.is_some() && !repeats && frame.replay.is_none();
         let still = past.as_mut().and_then(|past| past.still.take());
         let still = still.filter(|_| averages);
-        let special = match &still {
-            _ if repeats => Some(self.params.repeated()),
-            Some(still) => Some(self.params.still(still.frames)),
-            None if !chooses && self.params.choice.is_some() => Some(Params {
-                choice: None,
-                ..self.params.clone()
-            }),
-            None => None,
-        };
-        let params = special.as_ref().unwrap_or(&self.params);
+        let frames = still.as_ref().map(|still| still.frames);
+        let params = &*self.params.for_frame(frames, repeats, chooses);
         let now = Current {
             params,
             accumulate: match rests {

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use super::State;
 use super::samples::Fresh;
-use crate::image::{BandMut, Interleaved, Pixels, SEGMENT, Size, plane_bands, segments};
+use crate::image::{BandMut, Interleaved, Pixels, SEGMENT, Size, bands_of, segments};
 use crate::kernels::camera::motion::Geometry;
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::fetch::splat::{self, Splats, splat};
@@ -89,7 +89,7 @@ impl Points {
         let outs = (self.depth.data_mut().chunks_mut(band))
             .zip(self.offset.data_mut().chunks_mut(2 * band))
             .zip(self.quality.data_mut().chunks_mut(band))
-            .zip(plane_bands(drift, size))
+            .zip(bands_of(drift, size))
             .zip(fresh.quality.data_mut().chunks_mut(band))
             .zip(output.confidence.chunks_mut(band))
             .zip(output.rejection.chunks_mut(band))

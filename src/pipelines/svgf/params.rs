@@ -1,5 +1,7 @@
 //! The parameters of [`Svgf`](super::Svgf), and the presets.
 
+use std::borrow::Cow;
+
 use crate::error::{Result, in_range};
 use crate::kernels::judge::{choice, gradient, neighborhood};
 use crate::kernels::merge::accumulate;
@@ -173,9 +175,28 @@ impl Params {
         self.choice.is_some() && (self.choice_with_albedo || !with_albedo)
     }
 
+    /// For a frame: after so many still ones, with noise that may repeat that of the frame before, and in which samples choose
+    /// passes or not.
+    pub(super) fn for_frame(
+        &self,
+        still: Option<u32>,
+        repeats: bool,
+        chooses: bool,
+    ) -> Cow<'_, Self> {
+        match still {
+            _ if repeats => Cow::Owned(self.repeated()),
+            Some(frames) => Cow::Owned(self.still(frames)),
+            None if !chooses && self.choice.is_some() => Cow::Owned(Self {
+                choice: None,
+                ..self.clone()
+            }),
+            None => Cow::Borrowed(self),
+        }
+    }
+
     /// For a frame whose noise is that of the frame before. However many samples its history counts, they are worth one, so
     /// that the variance is estimated in space, for one sample.
-    pub(super) fn repeated(&self) -> Self {
+    fn repeated(&self) -> Self {
         let longest = 1.0 / self.history.accumulate.alpha;
         Self {
             choice: None,
@@ -193,7 +214,7 @@ impl Params {
     }
 
     /// After so many frames in which nothing moved.
-    pub(super) fn still(&self, frames: u32) -> Self {
+    fn still(&self, frames: u32) -> Self {
         let [first, most] = PATIENCE;
         let patience = (frames as f32 / first).clamp(1.0, most).sqrt();
         Self {
