@@ -740,9 +740,7 @@ class SVGF:
                 mirrored = self.reflect(frame, tests, history, confidence, light, scores, sample)
                 if mirrored is not None:
                     moved = np.where(np.isfinite(mirrored.motion), mirrored.motion, motion[..., :2])
-                    seen = (
-                        motion[..., :2] if frame.albedo is None else where_plain(frame.albedo, moved, motion[..., :2])
-                    )
+                    seen = moved if frame.albedo is None else where_plain(frame.albedo, moved, motion[..., :2])
 
         alike = {**guides(frame, later, incoherent), **self.sigmas}
         filled, weight = self.fill(held, history[2], alike)

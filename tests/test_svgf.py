@@ -362,6 +362,18 @@ def test_reflections_follow_what_all_light_changes_by():
     assert min(other.won[1:]) > 0.02
 
 
+def test_an_output_stage_follows_reflections_without_albedo():
+    """The candidates were compared with their texture, so that the winner's motion is that of what is seen."""
+    rng, denoiser, before = np.random.default_rng(0), yester.SVGF(antialias=False), None
+    for number in range(8):
+        buffers, light, hit = gallery(number, 120, 90)
+        out = denoiser.step(yester.Frame(speckled(light, rng), **buffers, hit_distance=hit))
+        cameras = buffers["camera"], before or buffers["camera"]
+        reflected, before = yester.virtual_motion(buffers["position"], hit, *cameras), buffers["camera"]
+    mirror = buffers["position"][..., 1] > 0.5
+    assert (np.abs(out.motion - reflected) < 1e-5).all(-1)[mirror].mean() > 0.8
+
+
 def test_an_output_stage_follows_reflections_but_not_through_texture():
     rng, denoiser, before = np.random.default_rng(0), yester.SVGF(antialias=False), None
     for number in range(8):
