@@ -30,8 +30,9 @@ from .. import Frame, __version__
 from ..io.ahead import ahead
 from ..io.files import beside, in_use
 from ..io.mapping import Mapped, load
+from ..messages import few
 from .buffers import CHANNELS, DERIVED, derive, halve, needs
-from .sources import Damaged, Known, Source, few, find_sequences
+from .sources import Damaged, Known, Source, find_sequences
 from .store import EXRFiles, Writer, ZarrStore, checksums, stored
 
 __all__ = ["Parameters", "Prepared", "prepare"]
