@@ -165,6 +165,43 @@ def test_half_size():
     np.testing.assert_array_equal(halve(images)["ids"], [[0, 2], [6, 8]])
 
 
+def test_half_size_of_missing_samples():
+    """They are no black ones: means are of the others."""
+    color = np.ones((2, 4, 3), np.float32)
+    color[0, 0, 1] = color[:, 2:, 0] = np.nan
+    frame = yester.Frame(color, albedo=np.full((2, 4, 3), 0.5))
+    ((images, _),) = derive([frame], {"color", "demodulated"})
+    images |= {"variance": np.full((2, 4), 6, np.float32), "history": np.arange(8, dtype=np.float32).reshape(2, 4)}
+    small = halve(images, missing=~np.isfinite(color).all(-1))
+    np.testing.assert_array_equal(small["color"], [[[1] * 3, [0] * 3]])
+    np.testing.assert_array_equal(small["demodulated"], [[[2] * 3, [0] * 3]])
+    np.testing.assert_array_equal(small["variance"], [[2, 6]])
+    np.testing.assert_array_equal(small["history"], [[2.5, 4.5]])
+
+
+def test_half_size_of_buffers_that_are_not_finite():
+    albedo = np.ones((2, 4, 3), np.float32)
+    albedo[0, 0, 1] = albedo[:, 2:, 0] = np.nan
+    small = halve({"albedo": albedo})["albedo"]
+    np.testing.assert_array_equal(small, [[[1, 1, 1], [np.nan, 1, 1]]])
+
+
+def test_half_size_where_depth_is_nan():
+    depth = np.array([[np.nan, 3], [np.inf, 2]], np.float32)
+    ids = np.arange(4, dtype=np.uint32).reshape(2, 2)
+    small = halve({"depth": depth, "ids": ids}, depth)
+    assert (small["depth"].item(), small["ids"].item()) == (2, 3)
+
+
+def test_half_size_in_a_set_leaves_missing_samples_out(tmp_path):
+    color = np.ones((2, 2, 3), np.float32)
+    color[0, 1] = np.nan
+    write(tmp_path / "in" / "a", [yester.Frame(color)])
+    prepare(tmp_path / "in", tmp_path / "out", sizes=("half",), jobs=1)
+    half = zarr.open_group(tmp_path / "out" / "a" / "data.zarr", mode="r")["half/color"]
+    np.testing.assert_array_equal(half, np.ones((1, 3, 1, 1)))
+
+
 # Noisebase
 
 

@@ -567,14 +567,14 @@ def _fill(task: _Task, folder: Path, told: Callable[[], object]) -> tuple[str, .
                 images["reference"] = reference
             if lacks := [name for name in parameters.buffers if name not in images]:
                 raise Damaged(f"{path}: no {lacks[0]}, which the first frame of the sequence has")
-            depth = images.get("depth")
+            depth, unseen = images.get("depth"), np.asarray(~np.isfinite(frame.color).all(-1))
             images = {name: images[name] for name in parameters.buffers}
             for group, rows, columns in groups:
                 cut = {name: image[rows, columns] for name, image in images.items()}
                 if "full" in parameters.sizes:
                     writer.write(index, "/".join(filter(None, (group, "full"))), cut)
                 if "half" in parameters.sizes:
-                    small = halve(cut, None if depth is None else depth[rows, columns])
+                    small = halve(cut, None if depth is None else depth[rows, columns], unseen[rows, columns])
                     writer.write(index, "/".join(filter(None, (group, "half"))), small)
             told()
     if len(missing) < known.frames:
