@@ -324,6 +324,55 @@ def test_parts_of_a_folder_do_not_take_the_name_of_another_folder(tmp_path):
     assert not aside
 
 
+def frames_in_stores(folder: Path, names: list[str]) -> None:
+    """Stores of single frames; the frame is of no account."""
+    noisebase.single_frames(folder, frames=1)
+    (folder / "frame0000.zip").rename(folder / names[0])
+    for name in names[1:]:
+        shutil.copy(folder / names[0], folder / name)
+
+
+def test_frames_in_stores_are_ordered_by_each_of_their_numbers(tmp_path):
+    frames_in_stores(tmp_path / "a", ["s1_9.zip", "s1_10.zip", "s2_1.zip", "s10_1.zip"])
+    found, _ = find_sequences(tmp_path)
+    names = [[path.name for path in source.files] for source in found]
+    assert names == [["s1_9.zip", "s1_10.zip"], ["s2_1.zip"], ["s10_1.zip"]]
+
+
+def test_folders_are_ordered_by_each_of_their_numbers(tmp_path):
+    names = ["shot2_v10", "shot3_v1", "shot10_v1"]
+    for name in names:
+        write(tmp_path / name, still(1))
+    assert [source.name for source in find_sequences(tmp_path)[0]] == names
+
+
+def test_frames_in_stores_are_apart_where_their_numbers_jump(tmp_path):
+    frames_in_stores(tmp_path / "a", ["f0.zip", "f1.zip", "f3.zip"])
+    found, aside = find_sequences(tmp_path)
+    assert [(source.name, len(source.files)) for source in found] == [("a", 2), ("a-2", 1)]
+    assert found[1].jump == "f3.zip: frame numbers jump after f1.zip (2 is missing): history starts anew"
+    assert not aside
+
+
+def test_frames_in_stores_are_apart_where_one_cannot_be_read(tmp_path):
+    """Also where the numbers of the others go up by a constant step."""
+    frames_in_stores(tmp_path / "a", [f"f{number}.zip" for number in range(1, 6)])
+    for number in (2, 4):
+        (tmp_path / "a" / f"f{number}.zip").write_bytes(b"PK")
+    found, aside = find_sequences(tmp_path)
+    assert [source.files[0].name for source in found] == ["f1.zip", "f3.zip", "f5.zip"]
+    assert found[1].jump == "f3.zip: f2.zip, before it, cannot be read: history starts anew"
+    assert [*aside] == ["a/f2", "a/f4"]
+
+
+def test_a_reference_of_two_sequences_is_refused(tmp_path):
+    for name in "ABR":
+        write(tmp_path / name, still(1))
+    reference = tmp_path / "R" / "frame_0000.exr"
+    with pytest.raises(ValueError, match=f"^{reference}: reference of two sequences, A and B; give a folder that has"):
+        prepare([tmp_path / "A", tmp_path / "B"], tmp_path / "out", references=tmp_path / "R")
+
+
 def test_what_is_in_the_way_of_a_sequence_is_told(tmp_path):
     """Sequences of an earlier run that were in folders of a sequence's folder."""
     for name in ("a", "a/b"):

@@ -202,7 +202,8 @@ def prepare(
     format : {"zarr", "exr"}, default "zarr"
         A Zarr store with arrays (F, C, H, W) for each sequence, or multi-layer EXR files.
     references : path-like, optional
-        For EXR inputs: a folder with files of the same paths and names, without noise.
+        For EXR inputs: a folder with files of the paths that they have in their folder of `inputs`, without noise. No
+        two sequences may have the same.
     mapping, view : optional
         For EXR inputs: as for `yester.io.read_exr`. References are read without the mapping.
     jobs : int, optional
@@ -230,8 +231,8 @@ def prepare(
         `resume` goes on from there. If another process of this machine uses `folder`.
     ValueError
         If a parameter is out of range; if the folder lies in the inputs; if there are no sequences, or none that can be
-        prepared; if EXR inputs have no `references` for ``"reference"``; on `resume`, if the parameters or versions are
-        others, or the manifest is damaged.
+        prepared; if EXR inputs have no `references` for ``"reference"``, or two sequences the same; on `resume`, if the
+        parameters or versions are others, or the manifest is damaged.
     ImportError
         If zarr, OpenEXR or distributed is needed and not installed.
 
@@ -240,7 +241,7 @@ def prepare(
     UserWarning
         If sequences have buffers that the first one lacks, and `buffers` is not given. With a sequence's name, if its
         motion seems wrong, its data window moves, or its files are apart from others of their folder because their
-        numbers jump.
+        numbers jump or a store between them cannot be read.
 
     Notes
     -----
