@@ -165,6 +165,43 @@ def test_half_size():
     np.testing.assert_array_equal(halve(images)["ids"], [[0, 2], [6, 8]])
 
 
+def test_half_size_of_missing_samples():
+    """They are no black ones: means are of the others."""
+    color = np.ones((2, 4, 3), np.float32)
+    color[0, 0, 1] = color[:, 2:, 0] = np.nan
+    frame = yester.Frame(color, albedo=np.full((2, 4, 3), 0.5))
+    ((images, _),) = derive([frame], {"color", "demodulated"})
+    images |= {"variance": np.full((2, 4), 6, np.float32), "history": np.arange(8, dtype=np.float32).reshape(2, 4)}
+    small = halve(images, missing=~np.isfinite(color).all(-1))
+    np.testing.assert_array_equal(small["color"], [[[1] * 3, [0] * 3]])
+    np.testing.assert_array_equal(small["demodulated"], [[[2] * 3, [0] * 3]])
+    np.testing.assert_array_equal(small["variance"], [[2, 6]])
+    np.testing.assert_array_equal(small["history"], [[2.5, 4.5]])
+
+
+def test_half_size_of_buffers_that_are_not_finite():
+    albedo = np.ones((2, 4, 3), np.float32)
+    albedo[0, 0, 1] = albedo[:, 2:, 0] = np.nan
+    small = halve({"albedo": albedo})["albedo"]
+    np.testing.assert_array_equal(small, [[[1, 1, 1], [np.nan, 1, 1]]])
+
+
+def test_half_size_where_depth_is_nan():
+    depth = np.array([[np.nan, 3], [np.inf, 2]], np.float32)
+    ids = np.arange(4, dtype=np.uint32).reshape(2, 2)
+    small = halve({"depth": depth, "ids": ids}, depth)
+    assert (small["depth"].item(), small["ids"].item()) == (2, 3)
+
+
+def test_half_size_in_a_set_leaves_missing_samples_out(tmp_path):
+    color = np.ones((2, 2, 3), np.float32)
+    color[0, 1] = np.nan
+    write(tmp_path / "in" / "a", [yester.Frame(color)])
+    prepare(tmp_path / "in", tmp_path / "out", sizes=("half",), jobs=1)
+    half = zarr.open_group(tmp_path / "out" / "a" / "data.zarr", mode="r")["half/color"]
+    np.testing.assert_array_equal(half, np.ones((1, 3, 1, 1)))
+
+
 # Noisebase
 
 
@@ -287,6 +324,55 @@ def test_parts_of_a_folder_do_not_take_the_name_of_another_folder(tmp_path):
     assert not aside
 
 
+def frames_in_stores(folder: Path, names: list[str]) -> None:
+    """Stores of single frames; the frame is of no account."""
+    noisebase.single_frames(folder, frames=1)
+    (folder / "frame0000.zip").rename(folder / names[0])
+    for name in names[1:]:
+        shutil.copy(folder / names[0], folder / name)
+
+
+def test_frames_in_stores_are_ordered_by_each_of_their_numbers(tmp_path):
+    frames_in_stores(tmp_path / "a", ["s1_9.zip", "s1_10.zip", "s2_1.zip", "s10_1.zip"])
+    found, _ = find_sequences(tmp_path)
+    names = [[path.name for path in source.files] for source in found]
+    assert names == [["s1_9.zip", "s1_10.zip"], ["s2_1.zip"], ["s10_1.zip"]]
+
+
+def test_folders_are_ordered_by_each_of_their_numbers(tmp_path):
+    names = ["shot2_v10", "shot3_v1", "shot10_v1"]
+    for name in names:
+        write(tmp_path / name, still(1))
+    assert [source.name for source in find_sequences(tmp_path)[0]] == names
+
+
+def test_frames_in_stores_are_apart_where_their_numbers_jump(tmp_path):
+    frames_in_stores(tmp_path / "a", ["f0.zip", "f1.zip", "f3.zip"])
+    found, aside = find_sequences(tmp_path)
+    assert [(source.name, len(source.files)) for source in found] == [("a", 2), ("a-2", 1)]
+    assert found[1].jump == "f3.zip: frame numbers jump after f1.zip (2 is missing): history starts anew"
+    assert not aside
+
+
+def test_frames_in_stores_are_apart_where_one_cannot_be_read(tmp_path):
+    """Also where the numbers of the others go up by a constant step."""
+    frames_in_stores(tmp_path / "a", [f"f{number}.zip" for number in range(1, 6)])
+    for number in (2, 4):
+        (tmp_path / "a" / f"f{number}.zip").write_bytes(b"PK")
+    found, aside = find_sequences(tmp_path)
+    assert [source.files[0].name for source in found] == ["f1.zip", "f3.zip", "f5.zip"]
+    assert found[1].jump == "f3.zip: f2.zip, before it, cannot be read: history starts anew"
+    assert [*aside] == ["a/f2", "a/f4"]
+
+
+def test_a_reference_of_two_sequences_is_refused(tmp_path):
+    for name in "ABR":
+        write(tmp_path / name, still(1))
+    reference = tmp_path / "R" / "frame_0000.exr"
+    with pytest.raises(ValueError, match=f"^{reference}: reference of two sequences, A and B; give a folder that has"):
+        prepare([tmp_path / "A", tmp_path / "B"], tmp_path / "out", references=tmp_path / "R")
+
+
 def test_what_is_in_the_way_of_a_sequence_is_told(tmp_path):
     """Sequences of an earlier run that were in folders of a sequence's folder."""
     for name in ("a", "a/b"):
@@ -296,7 +382,68 @@ def test_what_is_in_the_way_of_a_sequence_is_told(tmp_path):
     write(tmp_path / "in" / "c", still(2))
     done = prepare(tmp_path / "in", tmp_path / "out", jobs=1, resume=True)
     assert done.sequences == ("c",)
-    assert done.set_aside["a"] == (f"{tmp_path / 'out' / 'a'}: has other sequences, of an earlier run: remove it",)
+    assert done.set_aside["a"] == (in_the_way(tmp_path / "out" / "a" / "b", "a"),)
+
+
+def in_the_way(folder: Path, name: str) -> str:
+    return f"{folder}: of an earlier run, and in the way of {name}: to be removed first"
+
+
+def test_a_sequence_does_not_go_into_the_folder_of_an_earlier_one(tmp_path):
+    inputs, out = tmp_path / "in", tmp_path / "out"
+    write(inputs / "a", still(2))
+    prepare(inputs, out, jobs=1)
+    write(inputs / "a" / "b", still(2))
+    done = prepare(inputs, out, jobs=1, resume=True)
+    assert (done.sequences, [*done.set_aside]) == (("a-1",), ["a", "a/b"])
+    assert done.set_aside["a/b"] == (in_the_way(out / "a", "a/b"),)
+    assert not (out / "a" / "b").exists()
+    shutil.rmtree(out / "a")
+    done = prepare(inputs, out, jobs=1, resume=True)
+    assert (done.sequences, done.set_aside) == (("a-1", "a/b"), {})
+
+
+def test_a_sequence_in_the_folder_of_another_is_not_removed(tmp_path):
+    inputs, out = tmp_path / "in", tmp_path / "out"
+    write(inputs / "a", still(2))
+    prepare(inputs, out, jobs=1)
+    shutil.copytree(out / "a", tmp_path / "b")
+    (tmp_path / "b").rename(out / "a" / "b")
+    made = tree(out / "a")
+    (inputs / "a" / "frame_0001.exr").unlink()
+    done = prepare(inputs, out, jobs=1, resume=True)
+    assert done.set_aside == {"a": (in_the_way(out / "a" / "b", "a"),)}
+    assert tree(out / "a") == made
+
+
+def test_files_of_no_run_in_the_place_of_a_sequence_stay(tmp_path):
+    write(tmp_path / "in" / "a", still(1))
+    write(tmp_path / "in" / "b", still(1))
+    prepare(tmp_path / "in", tmp_path / "out", jobs=1)
+    place = tmp_path / "out" / "a"
+    (place / "manifest.json").unlink()
+    made = tree(place)
+    done = prepare(tmp_path / "in", tmp_path / "out", jobs=1, resume=True)
+    assert done.set_aside == {"a": (f"{place}: has files that are of no run: remove it",)}
+    assert tree(place) == made
+
+
+def test_sequences_in_many_folders(tmp_path):
+    """Of names that together are longer than one name may be."""
+    name = "/".join(letter * 100 for letter in "abc")
+    write(tmp_path / "in" / name, still(1))
+    assert prepare(tmp_path / "in", tmp_path / "out", jobs=1).sequences == (name,)
+
+
+def test_names_that_are_too_long_are_set_aside(tmp_path):
+    """Such as that of a part, to which a number is added."""
+    name = "a" * os.pathconf(tmp_path, "PC_NAME_MAX")
+    write(tmp_path / "in" / name, still(3))
+    (tmp_path / "in" / name / "frame_0001.exr").unlink()
+    done = prepare(tmp_path / "in", tmp_path / "out", jobs=1)
+    assert done.sequences == (name,)
+    reason = os.strerror(errno.ENAMETOOLONG)
+    assert done.set_aside == {f"{name}-2": (f"{tmp_path / 'out' / name}-2: {reason}",)}
 
 
 def test_links_are_followed(tmp_path):
@@ -747,6 +894,28 @@ def test_a_set_that_another_run_uses(tmp_path, monkeypatch):
     assert sorted(path.name for path in out.iterdir()) == ["a", "manifest.json"]
 
 
+@pytest.mark.parametrize(
+    ("resume", "error", "words"),
+    [
+        (False, FileExistsError, "exists already and is not empty"),
+        (True, ValueError, "expected the same parameters to resume, got half False, now True"),
+    ],
+)
+def test_a_set_that_another_run_has_made_meanwhile(tmp_path, monkeypatch, resume, error, words):
+    inputs, out = tmp_path / "in", tmp_path / "out"
+    write(inputs / "a", still(2))
+
+    def found(*given):
+        monkeypatch.undo()
+        prepare(inputs, out, jobs=1)
+        return find_sequences(*given)
+
+    monkeypatch.setattr(run, "find_sequences", found)
+    with pytest.raises(error, match=words):
+        prepare(inputs, out, half=True, resume=resume, jobs=1)
+    assert not json.loads((out / "manifest.json").read_text())["parameters"]["half"]
+
+
 def test_only_what_prepare_made_is_removed(tmp_path):
     write(tmp_path / "in" / "a", still(1))
     prepare(tmp_path / "in", tmp_path / "out", jobs=1)
@@ -786,8 +955,8 @@ def test_sequences_whose_inputs_changed_are_prepared_again(tmp_path):
     assert (done.sequences, done.frames) == (("a", "b"), 8)
     assert (tmp_path / "out" / "b").stat().st_ino == kept
     # Only the user knows whether its inputs are elsewhere.
-    about = f"{tmp_path / 'out' / 'a-2'}: of an earlier run, and not in the inputs: give them, or remove it"
-    assert done.set_aside == {"a-2": (about,)}
+    why = "of an earlier run, and no sequence of the inputs has its name: give its inputs, or remove it"
+    assert done.set_aside == {"a-2": (f"{tmp_path / 'out' / 'a-2'}: {why}",)}
     shutil.rmtree(tmp_path / "out" / "a-2")
     assert not prepare(tmp_path / "in", tmp_path / "out", jobs=1, resume=True).set_aside
     prepare(tmp_path / "in", tmp_path / "fresh", jobs=1)
@@ -808,13 +977,32 @@ def test_sequences_with_empty_files_are_prepared_again(tmp_path):
         prepare(tmp_path / "in", tmp_path / "out", jobs=1, resume=True)
 
 
+@pytest.mark.parametrize(
+    "odd",
+    [
+        lambda known: [known],
+        lambda known: {name: value for name, value in known.items() if name != "sha256"},
+        lambda known: known | {"sha256": 3},
+    ],
+    ids=["a list", "without sha256", "sha256 is a number"],
+)
+def test_sequences_with_odd_manifests_are_prepared_again(tmp_path, odd):
+    write(tmp_path / "in" / "a", still(1))
+    prepare(tmp_path / "in", tmp_path / "out", jobs=1)
+    made, path = tree(tmp_path / "out"), tmp_path / "out" / "a" / "manifest.json"
+    path.write_text(json.dumps(odd(json.loads(path.read_text()))))
+    prepare(tmp_path / "in", tmp_path / "out", jobs=1, resume=True)
+    assert tree(tmp_path / "out") == made
+
+
 def test_what_a_lost_process_wrote_is_removed(tmp_path):
-    """And not what another one writes, whose sequence has a longer name."""
-    own, other = (tmp_path / f".{name}.{'0' * 32}.tmp" for name in ("shot", "shot.1"))
-    own.mkdir()
-    other.mkdir()
-    run._clear(tmp_path, "shot")
-    assert [*tmp_path.iterdir()] == [other]
+    """And not what others write, whose sequences have similar names."""
+    names = "shot/a", "shot+a", "shot.1", "shot"
+    for name in names:
+        (tmp_path / f".{run._key(name)}.{'0' * 32}.tmp").mkdir()
+    for left, name in enumerate(names, 1):
+        run._clear(tmp_path, name)
+        assert len([*tmp_path.iterdir()]) == len(names) - left
 
 
 @pytest.mark.parametrize("format", ["zarr", "exr"])
@@ -824,7 +1012,7 @@ def test_a_full_disk(inputs, tmp_path, monkeypatch, format):
 
     class Full(kind):
         def write(self, index, group, images):
-            if self._folder_name.startswith(".set+two") and index == 1:
+            if self._folder_name.startswith(f".{run._key('set/two')}.") and index == 1:
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "the file")
             super().write(index, group, images)
 
@@ -842,7 +1030,50 @@ def test_a_full_disk(inputs, tmp_path, monkeypatch, format):
     assert tree(tmp_path / "out") == tree(tmp_path / "fresh")
 
 
+def test_a_set_is_not_complete_before_the_run_ends(tmp_path, monkeypatch):
+    """Its manifest has the sequences that are there."""
+    inputs, out = tmp_path / "in", tmp_path / "out"
+    for name in "ab":
+        write(inputs / name, still(2))
+    prepare(inputs, out, jobs=1)
+    (inputs / "b" / "frame_0001.exr").unlink()
+
+    class Full(store.ZarrStore):
+        def write(self, index, group, images):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "the file")
+
+    with monkeypatch.context() as patch:
+        patch.setitem(run._WRITERS, "zarr", Full)
+        with pytest.raises(OSError, match=os.strerror(errno.ENOSPC)):
+            prepare(inputs, out, jobs=1, resume=True)
+    manifest = json.loads((out / "manifest.json").read_text())
+    assert (manifest["complete"], [*manifest["sequences"]]) == (False, ["a"])
+    prepare(inputs, out, jobs=1, resume=True)
+    prepare(inputs, tmp_path / "fresh", jobs=1)
+    assert tree(out) == tree(tmp_path / "fresh")
+
+
 # Interruptions
+
+
+def test_it_goes_on_after_it_was_killed_while_it_removed_a_sequence(tmp_path, monkeypatch):
+    inputs, out = tmp_path / "in", tmp_path / "out"
+    write(inputs / "a", still(2))
+    prepare(inputs, out, jobs=1)
+    (inputs / "a" / "frame_0001.exr").unlink()
+
+    def killed(folder, **_):
+        for path in Path(folder).rglob("*.json"):
+            path.unlink()
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(run.shutil, "rmtree", killed)
+        with pytest.raises(KeyboardInterrupt):
+            prepare(inputs, out, jobs=1, resume=True)
+    assert prepare(inputs, out, jobs=1, resume=True).sequences == ("a",)
+    prepare(inputs, tmp_path / "fresh", jobs=1)
+    assert tree(out) == tree(tmp_path / "fresh")
 
 
 @pytest.fixture(scope="module")

@@ -52,6 +52,8 @@ ALPHA = 0.2
 
 #: At half size, these are of one pixel of the four: the one nearest to the camera.
 _OF_ONE = {"normal", "depth", "motion", "ids", "position", "object_normal", "hit_distance", "reactive"}
+#: Those of a pixel's new sample, and the variance of such a sample.
+_OF_SAMPLE = {"color", "demodulated", "difference", "variance"}
 
 
 def needs(name: str, known: Collection[str]) -> str | None:
@@ -149,7 +151,7 @@ def _carried(frame: Frame, before: Frame | None, known: Any, motion: NDArray[np.
     return found, accumulate(frame.color, mean, moments, length, confidence=validity, alpha=ALPHA)
 
 
-def halve(images: Images, depth: NDArray[np.float32] | None = None) -> Images:
+def halve(images: Images, depth: NDArray[np.float32] | None = None, missing: NDArray[np.bool_] | None = None) -> Images:
     """The images at half size.
 
     Parameters
@@ -157,7 +159,10 @@ def halve(images: Images, depth: NDArray[np.float32] | None = None) -> Images:
     images : dict of str to (H, W) or (H, W, C) ndarray
         As `derive` gives them. The last row or column of an odd size counts twice.
     depth : (H, W) ndarray, optional
-        Of the frame.
+        Of the frame. NaN is behind all else.
+    missing : (H, W) ndarray of bool, optional
+        Pixels without a finite colour in the frame, which are 0 in the images of `derive`. By default none: such zeros
+        count.
 
     Returns
     -------
@@ -165,9 +170,15 @@ def halve(images: Images, depth: NDArray[np.float32] | None = None) -> Images:
         Of height and width H/2 and W/2, rounded up. Colours, ``validity`` and ``history_length`` are means of four
         pixels, and ``variance`` that of such a mean. Geometry is that of the nearest pixel of the four by `depth`, or
         else of the upper left one, and ``motion`` is in pixels of the half size.
+
+    Notes
+    -----
+    Means are of the finite pixels of the four: of those that are not `missing` for ``color``, ``demodulated``,
+    ``difference`` and ``variance``. Where there are none, the upper left pixel is kept.
     """
     result: Images = {}
-    nearest = None if depth is None else _four(depth).argmin(0)
+    nearest = None if depth is None else np.where(np.isnan(four := _four(depth)), np.inf, four).argmin(0)
+    sampled = None if missing is None else ~_four(missing)
     for name, image in images.items():
         four = _four(image)
         if name in _OF_ONE:
@@ -175,7 +186,13 @@ def halve(images: Images, depth: NDArray[np.float32] | None = None) -> Images:
             half = np.take_along_axis(four, index.reshape(1, *index.shape, *[1] * (image.ndim - 2)), 0)[0]
             half = half * np.float32(0.5) if name == "motion" else half
         else:
-            half = four.mean(0, dtype=np.float32) * np.float32(0.25 if name == "variance" else 1)
+            known = np.isfinite(four).reshape(*four.shape[:3], -1).all(-1)
+            if sampled is not None and name in _OF_SAMPLE:
+                known &= sampled
+            known = known.reshape(*known.shape, *[1] * (image.ndim - 2))
+            number = np.maximum(known.sum(0, dtype=np.float32), 1)
+            half = np.where(known.any(0), np.where(known, four, 0).sum(0, dtype=np.float32) / number, four[0])
+            half = half / number if name == "variance" else half
         result[name] = np.ascontiguousarray(half)
     return result
 

@@ -16,10 +16,10 @@ import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from dataclasses import asdict, dataclass, field, replace
 from importlib import metadata
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from queue import SimpleQueue
 from typing import Any, Literal
 from uuid import uuid4
@@ -30,8 +30,9 @@ from .. import Frame, __version__
 from ..io.ahead import ahead
 from ..io.files import beside, in_use
 from ..io.mapping import Mapped, load
+from ..messages import few
 from .buffers import CHANNELS, DERIVED, derive, halve, needs
-from .sources import Damaged, Known, Source, few, find_sequences
+from .sources import Damaged, Known, Source, find_sequences
 from .store import EXRFiles, Writer, ZarrStore, checksums, stored
 
 __all__ = ["Parameters", "Prepared", "prepare"]
@@ -201,7 +202,8 @@ def prepare(
     format : {"zarr", "exr"}, default "zarr"
         A Zarr store with arrays (F, C, H, W) for each sequence, or multi-layer EXR files.
     references : path-like, optional
-        For EXR inputs: a folder with files of the same paths and names, without noise.
+        For EXR inputs: a folder with files of the paths that they have in their folder of `inputs`, without noise. No
+        two sequences may have the same.
     mapping, view : optional
         For EXR inputs: as for `yester.io.read_exr`. References are read without the mapping.
     jobs : int, optional
@@ -229,8 +231,8 @@ def prepare(
         `resume` goes on from there. If another process of this machine uses `folder`.
     ValueError
         If a parameter is out of range; if the folder lies in the inputs; if there are no sequences, or none that can be
-        prepared; if EXR inputs have no `references` for ``"reference"``; on `resume`, if the parameters or versions are
-        others, or the manifest is damaged.
+        prepared; if EXR inputs have no `references` for ``"reference"``, or two sequences the same; on `resume`, if the
+        parameters or versions are others, or the manifest is damaged.
     ImportError
         If zarr, OpenEXR or distributed is needed and not installed.
 
@@ -239,34 +241,20 @@ def prepare(
     UserWarning
         If sequences have buffers that the first one lacks, and `buffers` is not given. With a sequence's name, if its
         motion seems wrong, its data window moves, or its files are apart from others of their folder because their
-        numbers jump.
+        numbers jump or a store between them cannot be read.
 
     Notes
     -----
     Every sequence is written beside its place and renamed when it is complete, with its ``manifest.json``: the SHA-256
     of every file, the names of the inputs, the windows' places, the warnings. The one in `folder` has the parameters,
-    the versions, the sequences and those set aside. Neither depends on the number of processes, on interruptions, or on
-    time. A sequence is tried up to three times where the process that works on it dies. All headers of a sequence are
-    read before its pixels.
+    the versions, the sequences and those set aside; ``complete`` is false until a run has ended and set none aside.
+    Neither depends on the number of processes, on interruptions, or on time. A sequence is tried up to three times
+    where the process that works on it dies. All headers of a sequence are read before its pixels.
     """
     folder = Path(folder)
     given = [Path(inputs)] if isinstance(inputs, str | os.PathLike) else [Path(path) for path in inputs]
-    if jobs is not None and jobs < 1:
-        raise ValueError(f"jobs: expected at least 1, got {jobs}")
-    if crops < 1:
-        raise ValueError(f"crops: expected at least 1, got {crops}")
-    if crop is not None and min(crop) < 1:
-        raise ValueError(f"crop: expected at least 1 x 1, got {crop[0]} x {crop[1]}")
-    if format not in _WRITERS:
-        raise ValueError(f"format: expected zarr or exr, got {format}")
-    if not sizes or not {*sizes} <= {"full", "half"}:
-        raise ValueError(f"sizes: expected full, half or both, got {', '.join(sizes) or 'none'}")
-    for path in given:
-        if folder.resolve() == path.resolve() or path.resolve() in folder.resolve().parents:
-            raise ValueError(f"{folder}: lies in {path}, which is read; choose a folder elsewhere")
-    if _occupied(folder) and not resume:
-        raise FileExistsError(errno.EEXIST, "exists already and is not empty; --resume goes on with it", str(folder))
-    former = _former(folder) if resume else {}
+    _check_arguments(given, folder, sizes, crop, crops, format, jobs)
+    former = _earlier(folder, resume)
     reading: dict[str, Any] = {"mapping": load(mapping) or None, "view": view}
     sources, found_aside = find_sequences(given, references)
     sources = [replace(source, reading=reading) for source in sources]
@@ -275,10 +263,8 @@ def prepare(
     known: dict[str, Known] = {}
     aside = {name: tuple(messages) for name, messages in found_aside.items()}
     for source in sources:
-        try:
+        with _or_aside(source.name, aside):
             known[source.name] = source.look()
-        except Damaged as error:
-            aside[source.name] = error.args
     images, first, demand = _chosen(buffers, former, known)
     parameters = Parameters(
         images,
@@ -292,56 +278,95 @@ def prepare(
         **reading,
     )
     about = _about(parameters)
-    for kind, values in former.items():
-        for name, value in about[kind].items():
-            if (got := values.get(name)) != value:
-                where = folder / _MANIFEST
-                raise ValueError(f"{where}: expected the same {kind} to resume, got {name} {got}, now {value}")
+    _agree(folder, former, about)
     tasks = []
     for source in sources:
-        if source.name not in known:
-            continue
-        try:
-            _check(source, known[source.name], parameters, demand)
-        except Damaged as error:
-            aside[source.name] = error.args
-            continue
-        tasks.append(_Task(source, known[source.name], folder.resolve(), parameters))
+        if source.name in known:
+            with _or_aside(source.name, aside):
+                _check(source, known[source.name], parameters, demand)
+                tasks.append(_Task(source, known[source.name], folder.resolve(), parameters))
     if not tasks and not former:
         (reason, *_), *others = (aside[name] for name in sorted(aside))
         raise ValueError(f"none of {len(aside)} sequences can be prepared: {reason}" if others else reason)
     if first and (left := _left_out(tasks, parameters, first)):
         warnings.warn(left, stacklevel=2)
     with _held(folder):
-        _clear(folder)
-        done = {task.source.name: task.known.frames for task in tasks if _finished(task)}
-        waiting = [task for task in tasks if task.source.name not in done]
-        _space(folder, sum(parameters.bytes(task.known) for task in waiting))
-        if not former:
-            # Written last, as a later run is held to these parameters.
-            _write(folder / _MANIFEST, {**about, "complete": False})
-        results = _run(waiting, jobs, scheduler, done=sum(done.values()))
-        try:
-            with closing(results):
-                for result in results:
-                    if result.failed:
-                        raise OSError(*result.failed)
-                    if result.damaged:
-                        aside[result.name] = result.damaged
-                    else:
-                        done[result.name] = result.frames
-                        for message in result.warned:
-                            warnings.warn(f"{result.name}: {message}", stacklevel=2)
-        finally:
-            _clear(folder)
+        # Another run may have used the folder since.
+        _agree(folder, _earlier(folder, resume), about)
+        done = _finish(tasks, folder, about, aside, jobs, scheduler)
         gone = [name for name in _others(folder, {source.name for source in sources}) if name not in aside]
-        for name in gone:
-            aside[name] = (f"{folder / name}: of an earlier run, and not in the inputs: give them, or remove it",)
+        why = "of an earlier run, and no sequence of the inputs has its name: give its inputs, or remove it"
+        aside |= {name: (f"{folder / name}: {why}",) for name in gone}
         names = [task.source.name for task in tasks if task.source.name in done]
-        _end(folder, about, names, aside)
+        _sum_up(folder, about, names, aside, complete=not aside)
     return Prepared(
         folder, tuple(names), sum(done.values()), dict(sorted(aside.items())), images, first, tuple(sorted(gone))
     )
+
+
+def _check_arguments(
+    given: list[Path],
+    folder: Path,
+    sizes: Sequence[str],
+    crop: tuple[int, int] | None,
+    crops: int,
+    format: str,
+    jobs: int | None,
+) -> None:
+    """Raise `ValueError` if one is out of range, or the folder lies in the inputs."""
+    if jobs is not None and jobs < 1:
+        raise ValueError(f"jobs: expected at least 1, got {jobs}")
+    if crops < 1:
+        raise ValueError(f"crops: expected at least 1, got {crops}")
+    if crop is not None and min(crop) < 1:
+        raise ValueError(f"crop: expected at least 1 x 1, got {crop[0]} x {crop[1]}")
+    if format not in _WRITERS:
+        raise ValueError(f"format: expected zarr or exr, got {format}")
+    if not sizes or not {*sizes} <= {"full", "half"}:
+        raise ValueError(f"sizes: expected full, half or both, got {', '.join(sizes) or 'none'}")
+    for path in given:
+        if folder.resolve() == path.resolve() or path.resolve() in folder.resolve().parents:
+            raise ValueError(f"{folder}: lies in {path}, which is read; choose a folder elsewhere")
+
+
+@contextmanager
+def _or_aside(name: str, aside: dict[str, tuple[str, ...]]) -> Iterator[None]:
+    """Set a sequence aside if its inputs cannot be used."""
+    try:
+        yield
+    except Damaged as error:
+        aside[name] = error.args
+
+
+def _finish(
+    tasks: list[_Task],
+    folder: Path,
+    about: dict[str, Any],
+    aside: dict[str, tuple[str, ...]],
+    jobs: int | None,
+    scheduler: str | None,
+) -> dict[str, int]:
+    """Run the tasks that are not done yet: the frames of all that are done; the others are added to those set aside."""
+    _clear(folder)
+    done = {task.source.name: task.known.frames for task in tasks if _finished(task)}
+    waiting = [task for task in tasks if task.source.name not in done]
+    _space(folder, sum(task.parameters.bytes(task.known) for task in waiting))
+    # Written after all that can be refused, as a later run is held to these parameters.
+    _sum_up(folder, about, done, aside, complete=False)
+    try:
+        with closing(_run(waiting, jobs, scheduler, done=sum(done.values()))) as results:
+            for result in results:
+                if result.failed:
+                    raise OSError(*result.failed)
+                if result.damaged:
+                    aside[result.name] = result.damaged
+                else:
+                    done[result.name] = result.frames
+                    for message in result.warned:
+                        warnings.warn(f"{result.name}: {message}", stacklevel=3)
+    finally:
+        _clear(folder)
+    return done
 
 
 def _chosen(
@@ -392,8 +417,14 @@ def _about(parameters: Parameters) -> dict[str, Any]:
     return {"parameters": json.loads(json.dumps(asdict(parameters))), "versions": versions}
 
 
-def _former(folder: Path) -> dict[str, dict[str, Any]]:
+def _earlier(folder: Path, resume: bool) -> dict[str, dict[str, Any]]:
     """Parameters and versions of the earlier run; empty if there was none."""
+    if not resume:
+        if _occupied(folder):
+            raise FileExistsError(
+                errno.EEXIST, "exists already and is not empty; --resume goes on with it", str(folder)
+            )
+        return {}
     path = folder / _MANIFEST
     if not path.exists():
         if _occupied(folder):
@@ -404,6 +435,15 @@ def _former(folder: Path) -> dict[str, dict[str, Any]]:
         return {kind: dict(former[kind]) for kind in ("parameters", "versions")}
     except (KeyError, TypeError, ValueError) as error:
         raise ValueError(f"{path}: truncated or corrupt: {error}; prepare into another folder") from None
+
+
+def _agree(folder: Path, former: dict[str, dict[str, Any]], about: dict[str, dict[str, Any]]) -> None:
+    """Raise `ValueError` if the earlier run had other parameters or versions."""
+    for kind, values in former.items():
+        for name, value in about[kind].items():
+            if (got := values.get(name)) != value:
+                where = folder / _MANIFEST
+                raise ValueError(f"{where}: expected the same {kind} to resume, got {name} {got}, now {value}")
 
 
 def _occupied(folder: Path) -> bool:
@@ -454,7 +494,10 @@ def _others(folder: Path, known: set[str]) -> Iterator[str]:
                 yield name
 
 
-def _end(folder: Path, about: dict[str, Any], names: list[str], aside: dict[str, tuple[str, ...]]) -> None:
+def _sum_up(
+    folder: Path, about: dict[str, Any], names: Iterable[str], aside: dict[str, tuple[str, ...]], *, complete: bool
+) -> None:
+    """Write the manifest of a set that has these sequences."""
     sequences = {}
     for name in names:
         path = folder / name / _MANIFEST
@@ -464,7 +507,7 @@ def _end(folder: Path, about: dict[str, Any], names: list[str], aside: dict[str,
     # Where inputs lie is no business of the set's: names are enough, and paths would differ from disk to disk.
     _write(
         folder / _MANIFEST,
-        {**about, "complete": not aside, "sequences": sequences, "set_aside": dict(sorted(aside.items()))},
+        {**about, "complete": complete, "sequences": sequences, "set_aside": dict(sorted(aside.items()))},
     )
 
 
@@ -481,7 +524,7 @@ def _finished(task: _Task) -> bool:
         return task.inputs().items() <= known.items() and all(
             (task.target / path).stat().st_size for path in known["sha256"]
         )
-    except (OSError, ValueError):
+    except (OSError, ValueError, LookupError, TypeError, AttributeError):  # absent, no JSON, or of another structure
         return False
 
 
@@ -500,37 +543,52 @@ def _work(task: _Task, told: Callable[[], object] = lambda: None) -> _Done:
     name, target = task.source.name, task.target
     if _finished(task):  # by a worker that had been given up
         return _Done(name, task.known.frames)
-    temporary = task.folder / f".{_flat(name)}.{uuid4().hex}.tmp"
+    temporary, former = (task.folder / f".{_key(name)}.{uuid4().hex}.tmp" for _ in range(2))
     try:
+        if found := _in_the_way(task):
+            raise Damaged(f"{few(found)}: of an earlier run, and in the way of {name}: to be removed first")
         temporary.mkdir()
         warned = _fill(task, temporary, told)
         target.parent.mkdir(parents=True, exist_ok=True)
         if (target / _MANIFEST).is_file() and not _finished(task):
-            shutil.rmtree(target)  # made of other inputs, or damaged
+            # Made of other inputs, or damaged. Whenever the process is killed, no half of it stays there.
+            with suppress(FileNotFoundError):  # by a worker that had been given up
+                target.rename(former)
         try:
             temporary.rename(target)
         except OSError as error:
             if not _finished(task):
                 if error.errno in (errno.ENOTEMPTY, errno.EEXIST):
-                    raise Damaged(f"{target}: has other sequences, of an earlier run: remove it") from None
+                    raise Damaged(f"{target}: has files that are of no run: remove it") from None
                 raise OSError(error.errno, error.strerror, str(target)) from None
         return _Done(name, task.known.frames, warned)
     except Damaged as error:
         return _Done(name, damaged=error.args)
     except OSError as error:
         reason = error.strerror or str(error)
+        if error.errno == errno.ENAMETOOLONG:  # which other sequences need not be
+            return _Done(name, damaged=(f"{target}: {reason}",))
         return _Done(name, failed=(error.errno or errno.EIO, reason, str(error.filename or target)))
     finally:
-        shutil.rmtree(temporary, ignore_errors=True)
+        for half in (temporary, former):
+            shutil.rmtree(half, ignore_errors=True)
 
 
-def _flat(name: str) -> str:
-    return name.replace("/", "+")
+def _in_the_way(task: _Task) -> list[Path]:
+    """Sequences of earlier runs whose folders have this one's in them, or lie in it."""
+    above = (task.folder / folder for folder in PurePosixPath(task.source.name).parents if folder.name)
+    found = [folder for folder in above if (folder / _MANIFEST).is_file()]
+    return found or [task.target / name for name in _others(task.target, set())]
+
+
+def _key(name: str) -> str:
+    """Stands for a sequence in names: one of its own, and short."""
+    return hashlib.sha256(os.fsencode(name)).hexdigest()[:32]
 
 
 def _clear(folder: Path, name: str | None = None) -> None:
     """Remove what is half-written: of one sequence, or of all."""
-    half = _HALF if name is None else re.compile(rf"\.{re.escape(_flat(name))}\.[0-9a-f]{{32}}\.tmp")
+    half = _HALF if name is None else re.compile(rf"\.{_key(name)}\.[0-9a-f]{{32}}\.tmp")
     for item in [item for item in folder.iterdir() if half.fullmatch(item.name)]:
         if item.is_dir():
             shutil.rmtree(item, ignore_errors=True)
@@ -566,14 +624,14 @@ def _fill(task: _Task, folder: Path, told: Callable[[], object]) -> tuple[str, .
                 images["reference"] = reference
             if lacks := [name for name in parameters.buffers if name not in images]:
                 raise Damaged(f"{path}: no {lacks[0]}, which the first frame of the sequence has")
-            depth = images.get("depth")
+            depth, unseen = images.get("depth"), np.asarray(~np.isfinite(frame.color).all(-1))
             images = {name: images[name] for name in parameters.buffers}
             for group, rows, columns in groups:
                 cut = {name: image[rows, columns] for name, image in images.items()}
                 if "full" in parameters.sizes:
                     writer.write(index, "/".join(filter(None, (group, "full"))), cut)
                 if "half" in parameters.sizes:
-                    small = halve(cut, None if depth is None else depth[rows, columns])
+                    small = halve(cut, None if depth is None else depth[rows, columns], unseen[rows, columns])
                     writer.write(index, "/".join(filter(None, (group, "half"))), small)
             told()
     if len(missing) < known.frames:
@@ -695,7 +753,7 @@ def _on_cluster(tasks: list[_Task], address: str) -> Generator[_Done, None, None
         # Workers that vanish are seen to by the scheduler; only tasks are told apart here.
         futures = {
             client.submit(
-                _work, task, key=f"prepare-{_flat(task.source.name)}-{run}", pure=False, retries=_ATTEMPTS - 1
+                _work, task, key=f"prepare-{_key(task.source.name)}-{run}", pure=False, retries=_ATTEMPTS - 1
             ): task
             for task in tasks
         }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -17,14 +17,13 @@ from ..frame import Frame
 from ..io import Description, describe, read_exr, sequence_paths
 from ..io.exr import without_colour
 from ..io.noisebase import layout, read_noisebase
-from ..io.shots import breaks
+from ..io.shots import breaks, natural
+from ..messages import few, told
 from .buffers import MOVING, needs
 
-__all__ = ["Damaged", "Known", "Source", "few", "find_sequences"]
+__all__ = ["Damaged", "Known", "Source", "find_sequences"]
 
 Read = tuple[Frame, NDArray[np.float32] | None]
-#: Names in a message; of more, it has the number.
-_SHOWN = 3
 
 
 class Damaged(Exception):
@@ -104,7 +103,7 @@ class Source:
                 names |= _describe(self.files[1], self.reading).channels.keys() & {"motion"}
             return Known(len(self.files), known.height, known.width, frozenset(names))
         except (OSError, ValueError) as error:
-            raise Damaged(_told(error)) from None
+            raise Damaged(told(error)) from None
 
     def inspect(self, buffers: Collection[str]) -> list[str]:
         """Read the headers of all files, which takes far less time than their pixels.
@@ -137,7 +136,7 @@ class Source:
                 sizes = [(one.path, one.width, one.height) for one in [*known, *clean]]
                 unlike = [*_unlike(known, buffers)]
         except (OSError, ValueError) as error:
-            raise Damaged(*(list(self._damaged()) or [_told(error)])) from None
+            raise Damaged(*(list(self._damaged()) or [told(error)])) from None
         first, *size = sizes[0]
         wrong: dict[str, list[Path]] = {}
         for path, width, height in sizes:
@@ -173,7 +172,7 @@ class Source:
                 for index, path in enumerate(self.files):
                     yield _read(path, self.reading), self._reference(index)
         except (OSError, ValueError) as error:
-            raise Damaged(*dict.fromkeys([_told(error), *self._damaged()])) from None
+            raise Damaged(*dict.fromkeys([told(error), *self._damaged()])) from None
 
     def _reference(self, index: int) -> NDArray[np.float32] | None:
         return _read(self.references[index], self._plain).color if self.references else None
@@ -191,20 +190,7 @@ class Source:
                 for _ in read_noisebase(path) if self.stores else (_read(path, reading),):
                     pass
             except (OSError, ValueError) as error:
-                yield _told(error)
-
-
-def few(names: Sequence[object]) -> str:
-    """The first ones of some names, and how many more there are."""
-    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
-    return f"{', '.join(map(str, names[:_SHOWN]))}{more}"
-
-
-def _told(error: Exception) -> str:
-    """The message of an error: of one of the system, without its number."""
-    if isinstance(error, OSError) and error.filename and error.strerror:
-        return f"{error.filename}: {error.strerror}"
-    return str(error)
+                yield told(error)
 
 
 def _unlike(known: list[Description], buffers: Collection[str]) -> Iterator[tuple[Path, str]]:
@@ -258,9 +244,9 @@ def find_sequences(
     inputs : path-like or iterable of path-like
         Folders, searched with all folders in them and all that links lead to, and Noisebase stores. The EXR files of a
         folder are a sequence, or several where their numbers jump; so are zip files whose arrays have no axis of
-        frames. Every other zip file is a sequence of its own.
+        frames, also apart where one between them cannot be read. Every other zip file is a sequence of its own.
     references : path-like, optional
-        A folder in which EXR files have the paths that they have in `inputs`, and no noise.
+        A folder in which EXR files have the paths that they have in their folder of `inputs`, and no noise.
 
     Returns
     -------
@@ -275,7 +261,8 @@ def find_sequences(
     FileNotFoundError
         If an input is not there, or `references` is no folder.
     ValueError
-        If an input is a file of another kind; if two sequences would have the same name, or there are none.
+        If an input is a file of another kind; if two sequences would have the same name, or the same references, or
+        there are none.
     """
     given = [inputs] if isinstance(inputs, str | os.PathLike) else [*inputs]
     found: list[Source] = []
@@ -296,10 +283,7 @@ def find_sequences(
             names = [each for each in names if not each.startswith(".")]
             if any(each.lower().endswith(".exr") for each in names):
                 found += _shots(path, name, root, references, aside)
-            zips = sorted(
-                (path / each for each in names if each.lower().endswith(".zip")), key=lambda p: _natural(p.name)
-            )
-            if zips:
+            if zips := sorted((path / each for each in names if each.lower().endswith(".zip")), key=natural):
                 found += _stores(zips, name, aside, inside=path != root)
         aside |= {_name(Path(error.filename), root): [f"{error.filename}: {error.strerror}"] for error in unread}
     # The output of a sequence must not lie in that of another one.
@@ -314,6 +298,12 @@ def find_sequences(
             both = f"{seen[name].files[0]} and {source.files[0]}"
             raise ValueError(f"two sequences would have the name {name}: {both}; prepare them into two folders")
         seen[name] = replace(source, name=name)
+    of: dict[Path, str] = {}
+    for name, source in seen.items():
+        for path in source.references:
+            if (other := of.setdefault(path, name)) != name:
+                instead = "give a folder that has both, and references of the same paths"
+                raise ValueError(f"{path}: reference of two sequences, {other} and {name}; {instead}")
     if not found and not aside:
         raise ValueError(f"{', '.join(map(str, given))}: no EXR files and no Noisebase stores found")
     return [*seen.values()], aside
@@ -329,46 +319,54 @@ def _folders(root: Path, unread: list[OSError]) -> Iterator[tuple[Path, list[str
         path = Path(folder)
         # A link to a folder that it lies in would be followed without end.
         above = {each.resolve() for each in (path, *path.parents[: len(path.relative_to(root).parts)])}
-        inner[:] = sorted((name for name in inner if (path / name).resolve() not in above), key=_natural)
+        below = sorted((path / name for name in inner if (path / name).resolve() not in above), key=natural)
+        inner[:] = [each.name for each in below]
         yield path, names
 
 
-def _natural(name: str) -> tuple[int, str]:
-    digits = "".join(filter(str.isdigit, name))
-    return (int(digits) if digits else -1, name)
+def _parts(name: str, files: list[Path], lost: dict[int, str]) -> Iterator[Source]:
+    """The frames of a folder, apart where their numbers jump, and where frames are lost: by index, the warning."""
+    # Of names alone, as warnings go into the set, where paths would differ from disk to disk.
+    jumps = breaks([Path(path.name) for path in files]) | lost
+    ends = [0, *sorted(jumps), len(files)]
+    for number, (first, end) in enumerate(pairwise(ends), 1):
+        own = name if number == 1 else f"{name}-{number}"
+        yield Source(own, tuple(files[first:end]), part=number, jump=jumps.get(first, ""))
 
 
 def _shots(
     folder: Path, name: str, root: Path, references: str | os.PathLike[str] | None, aside: dict[str, list[str]]
 ) -> Iterator[Source]:
-    paths = sequence_paths(folder)
-    # Of names alone, as warnings go into the set, where paths would differ from disk to disk.
-    jumps = breaks([Path(path.name) for path in paths])
-    ends = [0, *sorted(jumps), len(paths)]
-    for number, (first, end) in enumerate(pairwise(ends), 1):
-        files = tuple(paths[first:end])
-        own = name if number == 1 else f"{name}-{number}"
-        clean: tuple[Path, ...] = ()
-        if references is not None:
-            clean = tuple(Path(references) / path.relative_to(root) for path in files)
-            if absent := [path for path in clean if not path.is_file()]:
-                aside[own] = [f"{few(absent)}: no such reference"]
-                continue
-        yield Source(own, files, clean, part=number, jump=jumps.get(first, ""))
+    for source in _parts(name, sequence_paths(folder), {}):
+        if references is None:
+            yield source
+            continue
+        clean = tuple(Path(references) / path.relative_to(root) for path in source.files)
+        if absent := [path for path in clean if not path.is_file()]:
+            aside[source.name] = [f"{few(absent)}: no such reference"]
+        else:
+            yield replace(source, references=clean)
 
 
 def _stores(paths: list[Path], name: str, aside: dict[str, list[str]], *, inside: bool = False) -> Iterator[Source]:
     frames: list[Path] = []
+    lost: dict[int, str] = {}
+    damaged = ""
     for path in paths:
         own = f"{name}/{path.stem}" if inside else path.stem
         try:
             single = layout(path).single
         except (OSError, ValueError) as error:
-            aside[own] = [_told(error)]
+            aside[own] = [told(error)]
+            damaged = path.name
             continue
         if single:
+            if damaged and frames:
+                # It may hold the frame between.
+                lost[len(frames)] = f"{path.name}: {damaged}, before it, cannot be read: history starts anew"
+            damaged = ""
             frames.append(path)
         else:
             yield Source(own, (path,))
     if frames:
-        yield Source(name, tuple(frames))
+        yield from _parts(name, frames, lost)
