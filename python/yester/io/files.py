@@ -1,11 +1,14 @@
-"""Atomic file writes."""
+"""Atomic file writes, and files in messages."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
+
+#: Names in a message; of more, it has the number.
+SHOWN = 3
 
 
 def in_use(temporary: Path) -> bool:
@@ -37,3 +40,16 @@ def beside(path: Path) -> Iterator[Path]:
         if isinstance(error, OSError) and error.errno and error.filename in (None, str(temporary)):
             raise OSError(error.errno, error.strerror, str(path)) from None
         raise
+
+
+def few(names: Sequence[object]) -> str:
+    """The first ones of some names, and how many more there are."""
+    more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
+    return f"{', '.join(map(str, names[:SHOWN]))}{more}"
+
+
+def told(error: Exception) -> str:
+    """The message of an error, without the number that Python puts in front of those of the system."""
+    if isinstance(error, OSError) and error.filename and error.strerror:
+        return f"{error.filename}: {error.strerror}"
+    return str(error)

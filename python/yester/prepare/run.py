@@ -28,10 +28,10 @@ import numpy as np
 
 from .. import Frame, __version__
 from ..io.ahead import ahead
-from ..io.files import beside, in_use
+from ..io.files import beside, few, in_use
 from ..io.mapping import Mapped, load
 from .buffers import CHANNELS, DERIVED, derive, halve, needs
-from .sources import Damaged, Known, Source, few, find_sequences
+from .sources import Damaged, Known, Source, find_sequences
 from .store import EXRFiles, Writer, ZarrStore, checksums, stored
 
 __all__ = ["Parameters", "Prepared", "prepare"]

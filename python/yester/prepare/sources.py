@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -16,15 +16,15 @@ from numpy.typing import NDArray
 from ..frame import Frame
 from ..io import Description, describe, read_exr, sequence_paths
 from ..io.exr import without_colour
+from ..io.files import few, told
+from ..io.headers import MOVED, layers, moved
 from ..io.noisebase import layout, read_noisebase
 from ..io.shots import breaks
 from .buffers import MOVING, needs
 
-__all__ = ["Damaged", "Known", "Source", "few", "find_sequences"]
+__all__ = ["Damaged", "Known", "Source", "find_sequences"]
 
 Read = tuple[Frame, NDArray[np.float32] | None]
-#: Names in a message; of more, it has the number.
-_SHOWN = 3
 
 
 class Damaged(Exception):
@@ -104,7 +104,7 @@ class Source:
                 names |= _describe(self.files[1], self.reading).channels.keys() & {"motion"}
             return Known(len(self.files), known.height, known.width, frozenset(names))
         except (OSError, ValueError) as error:
-            raise Damaged(_told(error)) from None
+            raise Damaged(told(error)) from None
 
     def inspect(self, buffers: Collection[str]) -> list[str]:
         """Read the headers of all files, which takes far less time than their pixels.
@@ -137,7 +137,7 @@ class Source:
                 sizes = [(one.path, one.width, one.height) for one in [*known, *clean]]
                 unlike = [*_unlike(known, buffers)]
         except (OSError, ValueError) as error:
-            raise Damaged(*(list(self._damaged()) or [_told(error)])) from None
+            raise Damaged(*(list(self._damaged()) or [told(error)])) from None
         first, *size = sizes[0]
         wrong: dict[str, list[Path]] = {}
         for path, width, height in sizes:
@@ -148,14 +148,9 @@ class Source:
         if wrong:
             raise Damaged(*(f"{few(paths)}: {what}" for what, paths in wrong.items()))
         found = [self.jump] if self.jump else []
-        shifted = [
-            here.path.name
-            for before, here in pairwise(known)
-            if "motion" in here.channels and here.corner != before.corner
-        ]
+        shifted = [here.path.name for before, here in pairwise(known) if moved(before, here)]
         if shifted and MOVING.intersection(buffers):
-            why = "the data window has moved since the frame before: motion must contain that shift"
-            found.append(f"{few(shifted)}: {why}")
+            found.append(f"{few(shifted)}: {MOVED}")
         return found
 
     def read(self) -> Iterator[Read]:
@@ -173,7 +168,7 @@ class Source:
                 for index, path in enumerate(self.files):
                     yield _read(path, self.reading), self._reference(index)
         except (OSError, ValueError) as error:
-            raise Damaged(*dict.fromkeys([_told(error), *self._damaged()])) from None
+            raise Damaged(*dict.fromkeys([told(error), *self._damaged()])) from None
 
     def _reference(self, index: int) -> NDArray[np.float32] | None:
         return _read(self.references[index], self._plain).color if self.references else None
@@ -191,20 +186,7 @@ class Source:
                 for _ in read_noisebase(path) if self.stores else (_read(path, reading),):
                     pass
             except (OSError, ValueError) as error:
-                yield _told(error)
-
-
-def few(names: Sequence[object]) -> str:
-    """The first ones of some names, and how many more there are."""
-    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
-    return f"{', '.join(map(str, names[:_SHOWN]))}{more}"
-
-
-def _told(error: Exception) -> str:
-    """The message of an error: of one of the system, without its number."""
-    if isinstance(error, OSError) and error.filename and error.strerror:
-        return f"{error.filename}: {error.strerror}"
-    return str(error)
+                yield told(error)
 
 
 def _unlike(known: list[Description], buffers: Collection[str]) -> Iterator[tuple[Path, str]]:
@@ -239,7 +221,7 @@ def _describe(path: Path, reading: dict[str, Any]) -> Description:
     with _named(path):
         known = describe(path, **reading)
     if "color" not in known.channels:
-        raise without_colour(path, [*known.unused, *known.unrecognised])
+        raise without_colour(path, layers(known))
     return known
 
 
@@ -364,7 +346,7 @@ def _stores(paths: list[Path], name: str, aside: dict[str, list[str]], *, inside
         try:
             single = layout(path).single
         except (OSError, ValueError) as error:
-            aside[own] = [_told(error)]
+            aside[own] = [told(error)]
             continue
         if single:
             frames.append(path)
