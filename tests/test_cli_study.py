@@ -166,6 +166,15 @@ def test_chart_of_colour_alone(tmp_path):
     files(tmp_path)
 
 
+@pytest.mark.parametrize("name", ["report.html", "points.csv", "psnr_shot.png", "warped_error_shot.svg"])
+def test_a_chart_replaces_nothing(own, tmp_path, name):
+    """Unless told so: no figure either."""
+    (tmp_path / name).write_text("mine")
+    line = refused("chart", own / "shot", "--references", own / "truth", *QUICK, "-o", tmp_path)
+    assert line.endswith(f"{tmp_path / name}: exists already: --overwrite replaces")
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("bare", [False, True])
 def test_ablation(own, tmp_path, bare):
@@ -391,6 +400,20 @@ def test_stress(tmp_path):
     table_of_verdicts = result.stdout.partition("\n\n")[0]
     assert table_of_verdicts in (out / "stress.md").read_text()
     assert {path.name for path in (out / "worst").iterdir()} == {"cut-svgf.png", "light-goes-off-svgf.png"}
+    files(tmp_path)
+
+
+def test_a_stress_report_is_replaced_only_if_told(tmp_path):
+    """Then, no picture of the earlier run stays."""
+    given = ("stress", "--quick", "--scenarios", "cut", "--methods", "SVGF", "-o", tmp_path)
+    stale = tmp_path / "worst" / "cut-taa-best.png"
+    stale.parent.mkdir()
+    for path in (tmp_path / "stress.csv", stale):
+        path.write_text("mine")
+        assert f"{path}: exists already: --overwrite replaces" in refused(*given)
+        assert path.read_text() == "mine"
+    run(*given, "--overwrite")
+    assert [path.name for path in stale.parent.iterdir()] == ["cut-svgf.png"]
     files(tmp_path)
 
 

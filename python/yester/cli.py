@@ -329,6 +329,7 @@ def _parser() -> argparse.ArgumentParser:
 
     stress = command(_stress, "stress", "run every pipeline on known failure cases with exact references")
     stress.add_argument("-o", "--output", metavar="DIR", type=_path, default=Path("yester-stress"), help=output)
+    stress.add_argument("--overwrite", action="store_true", help="replace a report that exists")
     stress.add_argument("--scenarios", metavar="NAME", nargs="+", help="scenarios; by default, all")
     stress.add_argument("--methods", metavar="NAME", nargs="+", help="methods; by default, all pipelines and presets")
     stress.add_argument("--endurance", metavar="N", type=int, default=10_000, help="frames of long runs; %(default)s")
@@ -336,6 +337,7 @@ def _parser() -> argparse.ArgumentParser:
 
     bench = command(_bench, "bench", "time every kernel and pipeline, other libraries and the machine's limits")
     bench.add_argument("-o", "--output", metavar="DIR", type=_path, default=Path("yester-bench"), help=output)
+    bench.add_argument("--overwrite", action="store_true", help="replace a report that exists")
     sizes = [(256, 256), (1920, 1080), (3840, 2160)]
     shown = " ".join(f"{width}x{height}" for width, height in sizes)
     bench.add_argument(
@@ -715,6 +717,8 @@ def _chart(options: argparse.Namespace) -> None:
     written = ["report.html", "points.csv"] if points else ["ablation.csv" if options.ablate else "doors.csv"]
     spare([options.output / name for name in written], overwrite=options.overwrite)
     given = _recordings(options)
+    if points:
+        _spare_figures(options, [*given], metrics)
     writable(options.output)
     for name, remedy in absent.items():
         print(f"not installed: {name}: {remedy}", file=sys.stderr)
@@ -773,6 +777,16 @@ def _chart_methods(options: argparse.Namespace, found: list[Any], absent: dict[s
             known = "; ".join([*(method.name for method in every), *(f"(not installed) {name}" for name in absent)])
             raise ValueError(f"--methods: expected prefixes of {known}, got {one}")
     return [method for method in every if method.name.startswith(wanted)]
+
+
+def _spare_figures(options: argparse.Namespace, names: list[str], metrics: list[str]) -> None:
+    """Refuse to replace the figures of sequences unless that is asked for."""
+    from .study.compare.points import ALL
+    from .study.compare.report import figure_paths
+
+    scenes = [*names, ALL] if len(names) > 1 else names
+    figures = [path for name in scenes for key in metrics for path in figure_paths(options.output, key, name)]
+    spare(figures, overwrite=options.overwrite)
 
 
 def _chart_points(options: argparse.Namespace, recordings: list[Any], metrics: list[str], methods: list[Any]) -> None:
@@ -845,6 +859,8 @@ def _stress(options: argparse.Namespace) -> None:
     _need("study", "PIL", "psutil", "tqdm")
     from .study.synthetic import stress
 
+    pictures = sorted((options.output / "worst").glob("*.png"))
+    spare([options.output / "stress.md", options.output / "stress.csv", *pictures], overwrite=options.overwrite)
     named = {"endurance": options.endurance, "quick": options.quick}
     print(stress.run(options.output, options.scenarios, options.methods, **named))
     for name in ("stress.md", "stress.csv", "worst"):
@@ -858,6 +874,7 @@ def _bench(options: argparse.Namespace) -> None:
     settings = bench.settings(options.threads, options.simd)
     tasks = bench.chosen(options.only)
     written = [options.output / name for name in ("bench.md", "bench.csv", "targets.csv", "bench.svg")]
+    spare(written, overwrite=options.overwrite)
     writable(options.output)
     named = {"repetitions": options.repetitions, "compare": not options.no_rivals}
     print(bench.run(options.output, tasks, [*dict.fromkeys(options.sizes)], settings, **named))
