@@ -357,9 +357,18 @@ def test_missing_rivals_are_named(tmp_path):
     rows = table(tmp_path / "bench.csv")
     assert {row["contender"] for row in rows} == {OURS, "torch grid_sample, bilinear", "torch reference"}
     assert {row["simd"] for row in rows} == {"baseline", ""}
-    result = run("bench", *LITTLE, "--only", "demodulate", "-o", tmp_path, "--no-rivals")
+    result = run("bench", *LITTLE, "--only", "demodulate", "-o", tmp_path, "--no-rivals", "--overwrite")
     assert {row["contender"] for row in table(tmp_path / "bench.csv")} == {OURS}
     assert "Not measured" not in result.stdout
+
+
+@pytest.mark.parametrize("name", WRITTEN)
+def test_a_bench_replaces_nothing(tmp_path, name):
+    """Unless told so."""
+    (tmp_path / name).write_text("mine")
+    line = refused("bench", *LITTLE, "--only", "demodulate", "--no-rivals", "-o", tmp_path)
+    assert f"{tmp_path / name}: exists already: --overwrite replaces" in line
+    assert (tmp_path / name).read_text() == "mine"
 
 
 def test_refuses_before_work_starts(tmp_path):

@@ -264,7 +264,7 @@ def test_denoise_stops_at_a_file_that_cannot_be_written(sequence, tmp_path, monk
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
         write_exr(path, *frame, **named)
 
-    monkeypatch.setattr(yester.io, "write_exr", write)
+    monkeypatch.setattr("yester.batch.write_exr", write)
     assert main(["denoise", str(sequence), "-o", str(out)]) == 2
     said = capsys.readouterr().err.splitlines()
     assert said[-1].startswith("yester: error: ")

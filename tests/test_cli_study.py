@@ -166,6 +166,15 @@ def test_chart_of_colour_alone(tmp_path):
     files(tmp_path)
 
 
+@pytest.mark.parametrize("name", ["report.html", "points.csv", "psnr_shot.png", "warped_error_shot.svg"])
+def test_a_chart_replaces_nothing(own, tmp_path, name):
+    """Unless told so: no figure either."""
+    (tmp_path / name).write_text("mine")
+    line = refused("chart", own / "shot", "--references", own / "truth", *QUICK, "-o", tmp_path)
+    assert line.endswith(f"{tmp_path / name}: exists already: --overwrite replaces")
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("bare", [False, True])
 def test_ablation(own, tmp_path, bare):
@@ -247,7 +256,8 @@ def test_groups(tmp_path):
     asked = []
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("yester.study.rendered.recording.record", lambda name, *_, **__: asked.append(name))
-        list(cli._recordings(options))
+        for make in cli._recordings(options).values():
+            make()
     assert asked == [*GROUPS["unkind-tuning"], "cut"]
 
 
@@ -304,7 +314,7 @@ def test_chart_refuses_before_work_starts(own, tmp_path, monkeypatch):
     line = chart(own / "shot", "--references", tmp_path / "few")
     assert "references: expected one for each of 4 frames, got 3" in line
     assert "nowhere" in chart(own / "shot", "--references", tmp_path / "nowhere")
-    assert "0.exr: expected 32 x 24" in chart(own / "shot", tmp_path / "wide")
+    assert "0.exr: 40 x 24, but " in chart(own / "shot", tmp_path / "wide")
     for option in (
         ("--sequences", "all"),
         ("--length", 4),
@@ -390,6 +400,20 @@ def test_stress(tmp_path):
     table_of_verdicts = result.stdout.partition("\n\n")[0]
     assert table_of_verdicts in (out / "stress.md").read_text()
     assert {path.name for path in (out / "worst").iterdir()} == {"cut-svgf.png", "light-goes-off-svgf.png"}
+    files(tmp_path)
+
+
+def test_a_stress_report_is_replaced_only_if_told(tmp_path):
+    """Then, no picture of the earlier run stays."""
+    given = ("stress", "--quick", "--scenarios", "cut", "--methods", "SVGF", "-o", tmp_path)
+    stale = tmp_path / "worst" / "cut-taa-best.png"
+    stale.parent.mkdir()
+    for path in (tmp_path / "stress.csv", stale):
+        path.write_text("mine")
+        assert f"{path}: exists already: --overwrite replaces" in refused(*given)
+        assert path.read_text() == "mine"
+    run(*given, "--overwrite")
+    assert [path.name for path in stale.parent.iterdir()] == ["cut-svgf.png"]
     files(tmp_path)
 
 

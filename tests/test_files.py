@@ -520,6 +520,12 @@ def test_whole_numbers_are_no_colour(tmp_path, capsys):
     assert not (tmp_path / "out").exists()
 
 
+def test_without_colour_the_channels_are_listed(tmp_path, capsys):
+    layouts.store(tmp_path / "a.exr", layouts.layers({"depth.Z": np.ones((12, 16))}), {})
+    run("denoise", tmp_path / "a.exr", "-o", tmp_path / "out", code=2)
+    assert "no colour: expected channels R, G and B, got depth.Z" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("option", [("--exposure", "nan"), ("--fps", 0)])
 def test_pictures_refuse_before_work_starts(tmp_path, capsys, option):
     frames = short(tmp_path / "in")
@@ -685,6 +691,32 @@ def test_outputs_of_one_name(tmp_path, capsys):
         run(command, one, other, "-o", tmp_path / "out", code=2)
         assert f"{other}: its output would overwrite that of {one}" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("command", ["denoise", "upscale"])
+def test_no_input_is_replaced_under_another_name(tmp_path, capsys, command):
+    render, links = short(tmp_path / "out", "f0") / "f0.exr", short(tmp_path / "in", "f0")
+    (links / "g.exr").symlink_to("../out/f0.exr")
+    before = render.read_bytes()
+    run(command, links, "-o", render.parent, "--overwrite", code=2)
+    said = f"yester: error: {links / 'g.exr'}: the output would overwrite this input; choose another folder\n"
+    assert capsys.readouterr().err == said
+    assert render.read_bytes() == before
+
+
+def test_no_picture_replaces_an_input(tmp_path, capsys):
+    short(tmp_path / "in", "f0")
+    render = (tmp_path / "in" / "f0.exr").rename(tmp_path / "f0.png")
+    run("picture", render, "-o", tmp_path, "--overwrite", code=2)
+    assert f"{render}: the output would overwrite this input" in capsys.readouterr().err
+
+
+def test_no_plan_is_replaced_by_a_result(tmp_path, capsys):
+    frames, plan = short(tmp_path / "in"), tmp_path / "a.exr"
+    run("plan", frames, "-o", plan)
+    run("denoise", frames / "a1.exr", "-o", plan, "--plan", plan, "--overwrite", code=2)
+    assert f"{plan}: the output would overwrite this input" in capsys.readouterr().err
+    assert yester.Plan.load(plan)
 
 
 def test_a_plan_replaces_nothing(tmp_path, capsys):

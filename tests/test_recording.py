@@ -278,11 +278,11 @@ def test_bad_files(noisy, tmp_path, role):
             open_recording(noisy, clean)
 
     write_exr(bad, image(0, height=5))
-    opened(r"expected 8 x 6 as .*shot0\.exr, got 8 x 5")
+    opened(r"8 x 5, but .*shot0\.exr is 8 x 6")
     write_exr(bad, image(0))
     whole = bad.read_bytes()
     if role == "frames":
-        opened(r"albedo: expected one as in .*shot0\.exr, got none")
+        opened(r"no albedo, but .*shot0\.exr has albedo")
     else:
         open_recording(noisy, clean)
     bad.write_bytes(whole[:-20])

@@ -5,18 +5,15 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-import tempfile
 import warnings
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import closing, contextmanager, nullcontext, redirect_stderr, suppress
+from contextlib import closing, redirect_stderr, suppress
 from copy import copy
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
-from glob import escape
 from importlib.util import find_spec
 from io import StringIO, TextIOWrapper
-from itertools import chain, islice, pairwise
+from itertools import chain, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TextIO
 
@@ -28,7 +25,6 @@ from . import (
     Camera,
     Frame,
     HalfRes,
-    Output,
     Plan,
     Recirculation,
     Upscaler,
@@ -39,14 +35,19 @@ from . import (
 )
 from ._core import settings
 from .argtypes import count, extent, whole
-from .plan import LARGEST, PLANNED
+from .batch import Batch, Run
+from .io import Description, describe, headers, mapping, read_exr, read_sequence, sequence_paths
+from .io.ahead import ahead
+from .io.exr import COMPRESSIONS
+from .io.shots import breaks, natural
+from .messages import told
+from .outputs import FILMS, keep_inputs, spare, targets_of, writable
+from .plan import PLANNED
 from .sequence import LOOKAHEAD
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
-
-    from .io import Description
 
 
 #: The methods of `yester denoise`: constructor and the names of its options.
@@ -59,16 +60,6 @@ _METHODS: dict[str, tuple[Callable[..., Any], tuple[str, ...]]] = {
     "oidn": (OIDN, ("quality",)),
     "temporal-oidn": (partial(OIDN, temporal=True), ("quality", "fireflies", "innovation", "choice")),
 }
-
-#: Endings of animations.
-_FILMS = (".webp", ".mp4")
-#: Endings of names that are meant for a picture or a film, not for a folder.
-_PICTURES = {
-    *(".exr", ".png", ".jpg", ".jpeg", ".tif", ".tiff", ".gif", ".bmp", ".hdr", ".tga", ".dpx"),
-    *(*_FILMS, ".mov", ".avi", ".mkv", ".webm"),
-}
-#: Files that a message names; of more, it has the number.
-_SHOWN = 3
 
 # Each command imports its slow dependencies itself, so that the others start quickly.
 
@@ -112,7 +103,7 @@ def _main(arguments: Sequence[str] | None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         return 141
     except OSError as error:
-        return _failed(_told(error))
+        return _failed(told(error))
     except (ImportError, ValueError) as error:
         return _failed(error)
 
@@ -138,13 +129,6 @@ class _Lossy:
 
 def _warned(message: Warning | str, *_: object, **__: object) -> None:
     print(f"warning: {message}", file=sys.stderr)
-
-
-def _told(error: Exception) -> str:
-    """The message of an error, without the number that Python puts in front."""
-    if isinstance(error, OSError) and error.filename and error.strerror:
-        return f"{error.filename}: {error.strerror}"
-    return str(error)
 
 
 def _failed(error: object) -> int:
@@ -355,6 +339,7 @@ def _parser() -> argparse.ArgumentParser:
 
     stress = command(_stress, "stress", "run every pipeline on known failure cases with exact references")
     stress.add_argument("-o", "--output", metavar="DIR", type=_path, default=Path("yester-stress"), help=output)
+    stress.add_argument("--overwrite", action="store_true", help="replace a report that exists")
     stress.add_argument("--scenarios", metavar="NAME", nargs="+", help="scenarios; by default, all")
     stress.add_argument("--methods", metavar="NAME", nargs="+", help="methods; by default, all pipelines and presets")
     stress.add_argument("--endurance", metavar="N", type=int, default=10_000, help="frames of long runs; %(default)s")
@@ -362,6 +347,7 @@ def _parser() -> argparse.ArgumentParser:
 
     bench = command(_bench, "bench", "time every kernel and pipeline, other libraries and the machine's limits")
     bench.add_argument("-o", "--output", metavar="DIR", type=_path, default=Path("yester-bench"), help=output)
+    bench.add_argument("--overwrite", action="store_true", help="replace a report that exists")
     sizes = [(256, 256), (1920, 1080), (3840, 2160)]
     shown = " ".join(f"{width}x{height}" for width, height in sizes)
     bench.add_argument(
@@ -387,7 +373,7 @@ def _demo(options: argparse.Namespace) -> None:
     _need("demo", "OpenEXR", "PIL", "flip_evaluator", "matplotlib", "mitsuba", "tqdm")
     from .study import demo
 
-    folder = _writable(options.output)
+    folder = writable(options.output)
     width, height = options.size
     print(demo.run(folder, frames=options.frames, width=width, height=height))
     for name in demo.WRITTEN:
@@ -428,15 +414,15 @@ def _denoise(options: argparse.Namespace) -> int:
     # The files that lack motion are named instead.
     warnings.filterwarnings("ignore", "frames: later frames are not used")
 
-    def look(shots: list[list[Description]]) -> list[str]:
+    def look(shots: headers.Shots) -> list[str]:
         for known in chain(*shots) if options.method == "recirculation" else ():
             if not known.camera or not known.channels.keys() & {"depth", "position"}:
                 raise ValueError(f"{known.path}: expected a camera, and depth or position, for --method recirculation")
         if options.method == "oidn":  # has no history, so that only albedo and normals matter
-            return _missing(shots, ("albedo", "normal"))
-        return [*_unmoved(shots), *_missing(shots)]
+            return headers.missing(shots, ("albedo", "normal"))
+        return [*headers.unmoved(shots), *headers.missing(shots)]
 
-    def run(frames: Iterator[Frame], used: dict[str, None], shot: str) -> Iterator[Output]:
+    def run(frames: Iterator[Frame], shot: str) -> Iterator[tuple[Frame, tuple[str, ...]]]:
         method = copy(pipeline)
         if method is None:
             first = list(islice(frames, PLANNED))
@@ -444,24 +430,22 @@ def _denoise(options: argparse.Namespace) -> int:
             tqdm.write(f"plan{shot}: {found.summary()}", file=sys.stderr)
             # It is for these very frames, of which some may lack a buffer that others have.
             method, frames = replace(found, buffers=()).pipeline(), chain(first, frames)
-        return _noted(denoise(frames, method, lookahead), used)
+        for output in denoise(frames, method, lookahead):
+            # The header's camera and jitter stay as they are.
+            yield Frame(output.color), output.used
 
-    # The header's camera and jitter stay as they are.
-    return _convert(options, "denoise", run, lambda output, _: Frame(output.color), look)
+    named = {"sparse": options.method in ("halfres", "recirculation"), "others": filter(None, [options.plan])}
+    return _process(options, "denoise", run, look, **named)
 
 
 def _plan(options: argparse.Namespace) -> None:
     _need("exr", "OpenEXR", "tqdm")
-    from .io import read_sequence
-    from .io.shots import breaks
-
     reading = _reading(options)
     paths = _files(options.inputs)
     if options.output:
-        if options.output.resolve() in {path.resolve() for path in paths}:
-            raise ValueError(f"{options.output}: the plan would overwrite this input; choose another name")
-        _spare([options.output], options)
-        _writable(options.output.parent)
+        keep_inputs([options.output], paths, "plan", "name")
+        spare([options.output], overwrite=options.overwrite)
+        writable(options.output.parent)
     end, *_ = [*breaks(paths), len(paths)]
     found = _planned(read_sequence(paths[:end], **reading))
     if options.output:
@@ -483,46 +467,43 @@ def _upscale(options: argparse.Namespace) -> int:
     # No antialiasing: it would average out the jitter that the upscaler needs.
     denoiser = SVGF(antialias=False, fireflies=options.fireflies)
 
-    def denoised(frames: Iterator[Frame], used: dict[str, None]) -> Iterator[Frame]:
-        pipeline = copy(denoiser)
+    def run(frames: Iterator[Frame], _: str) -> Iterator[tuple[Frame, tuple[str, ...]]]:
+        first, second = copy(denoiser), copy(upscaler)
         for frame in frames:
-            (output,) = _noted([pipeline.step(frame)], used)
-            yield Frame(**frame.buffers() | {"color": output.color}, camera=frame.camera, jitter=frame.jitter)
+            used: tuple[str, ...] = ()
+            if options.denoise:
+                clean = first.step(frame)
+                frame, used = replace(frame, color=clean.color), clean.used
+            output = second.step(frame)
+            height, width, _ = output.color.shape
+            camera = frame.camera and Camera(frame.camera.world_to_clip, width, height)
+            yield Frame(output.color, camera=camera), (*used, *output.used)
 
-    def run(frames: Iterator[Frame], used: dict[str, None], _: str) -> Iterator[Output]:
-        pipeline = copy(upscaler)
-        return _noted(map(pipeline.step, denoised(frames, used) if options.denoise else frames), used)
-
-    def result(output: Output, frame: Frame) -> Frame:
-        height, width, _ = output.color.shape
-        return Frame(output.color, camera=frame.camera and Camera(frame.camera.world_to_clip, width, height))
-
-    def look(shots: list[list[Description]]) -> list[str]:
-        notes = [*_unmoved(shots), *_missing(shots)]
+    def look(shots: headers.Shots) -> list[str]:
+        notes = [*headers.unmoved(shots), *headers.missing(shots)]
         if not any(known.jitter for known in chain(*shots)):
             notes += ["no jitter found in the headers; assuming zero, so no sub-pixel detail can be recovered"]
-        if dropped := list(dict.fromkeys(name for known in chain(*shots) for name in _layers(known))):
+        if dropped := list(dict.fromkeys(name for known in chain(*shots) for name in headers.layers(known))):
             notes += [f"only colour is upscaled; left out: {' '.join(dropped)}"]
         return notes
 
-    return _convert(options, "upscale", run, result, look)
+    return _process(options, "upscale", run, look)
 
 
 def _picture(options: argparse.Namespace) -> int:
     _need("picture", "OpenEXR", "PIL", "tqdm")
     from tqdm import tqdm
 
-    from .io import describe, read_exr
-    from .io.ahead import ahead
     from .io.pictures import displayed, write_animation, write_png
 
     paths = _files(options.inputs)
     look = {"exposure": options.exposure, "curve": options.curve}
     # Raises for an exposure that is not finite.
     displayed([[[0, 0, 0]]], **look)
-    film = options.output.suffix.lower() in _FILMS
-    targets = [options.output] if film else _targets(paths, options.output, ".png", *_FILMS)
-    _spare(targets, options)
+    film = options.output.suffix.lower() in FILMS
+    targets = [options.output] if film else targets_of(paths, options.output, ".png", *FILMS)
+    keep_inputs(targets, paths)
+    spare(targets, overwrite=options.overwrite)
     if film and not options.fps > 0:
         raise ValueError(f"--fps: expected more than 0, got {options.fps}")
     files: list[Description] = []
@@ -530,9 +511,9 @@ def _picture(options: argparse.Namespace) -> int:
         with suppress(OSError, ValueError):  # named when the file is left out
             files.append(describe(path))
     for known in files:
-        _of_one_size(known, files[0])
+        headers.of_one_size(known, files[0])
     for folder in {target.parent for target in targets}:
-        _writable(folder)
+        writable(folder)
     unread: list[Path] = []
 
     def color(path: Path) -> NDArray[np.float32] | None:
@@ -540,7 +521,7 @@ def _picture(options: argparse.Namespace) -> int:
             return read_exr(path).color
         except (OSError, ValueError) as error:
             unread.append(path)
-            tqdm.write(f"left out: {_told(error)}", file=sys.stderr)
+            tqdm.write(f"left out: {told(error)}", file=sys.stderr)
             return None
 
     read = ahead(map(color, paths))
@@ -559,8 +540,8 @@ def _compare(options: argparse.Namespace) -> None:
     _need("exr", "OpenEXR", "tqdm")
     from .study.compare.viewer import names_of, write_comparison
 
-    _spare([options.output], options)
-    _writable(options.output.parent)
+    spare([options.output], overwrite=options.overwrite)
+    writable(options.output.parent)
     paths = [path for path in (options.a, options.b, options.reference) if path is not None]
     sources = dict(zip(names_of(paths), paths, strict=True))
     write_comparison(options.output, sources, frames=options.frames, half=options.half)
@@ -579,7 +560,7 @@ def _live(options: argparse.Namespace) -> None:
         raise ValueError(f"--port: expected 0 to 65535, got {options.port}")
     if options.scene is not None and not options.scene.is_file():
         raise ValueError(f"{options.scene}: no such file")
-    _writable(options.output)
+    writable(options.output)
     named = {"size": options.size, "port": options.port, "folder": options.output}
     live.run(options.scene, browser=not options.no_open, **named)
 
@@ -604,114 +585,8 @@ def _prepare(options: argparse.Namespace) -> int:
     return int(bool(done.set_aside))
 
 
-def _noted(outputs: Iterable[Output], used: dict[str, None]) -> Iterator[Output]:
-    """Yield the outputs unchanged, and add the buffers that they used to `used`."""
-    for output in outputs:
-        used.update(dict.fromkeys(output.used))
-        yield output
-
-
-@dataclass
-class _Odd:
-    """Files with samples, guide buffers or results that are missing or too large."""
-
-    #: Whether the method expects that most samples are missing.
-    sparse: bool
-    missing: dict[Path, tuple[int, int]] = field(default_factory=dict)
-    large: list[Path] = field(default_factory=list)
-    unknown: dict[str, list[Path]] = field(default_factory=dict)
-    clipped: list[Path] = field(default_factory=list)
-
-    def note(self, path: Path, frame: Frame, number: int) -> None:
-        """Look at a frame; `number` counts from the beginning of its shot."""
-        import numpy as np
-
-        color, every = frame.color, frame.height * frame.width
-        largest = max(color.max(), -color.min())
-        if not np.isfinite(largest):
-            known = np.isfinite(color)
-            largest = np.abs(color[known]).max(initial=0)
-            count = every - int(known.all(-1).sum())
-            if count == every or not self.sparse:
-                self.missing[path] = count, every
-        if largest > LARGEST:
-            self.large.append(path)
-        # A shot's first frame needs no motion.
-        guides = [name for name in frame.buffers() if name not in ("color", "motion")]
-        for name in guides if number == 0 else ["motion"] if number == 1 and frame.motion is not None else []:
-            if np.isnan(getattr(frame, name)).reshape(every, -1).any(-1).all():
-                self.unknown.setdefault(name, []).append(path)
-
-    def lines(self) -> list[str]:
-        """Warnings: of missing samples, the files that lack most come first."""
-        worst = sorted(self.missing.items(), key=lambda item: -item[1][0])
-        found = [
-            f"warning: {path}: {f'all {every}' if count == every else f'{count} of {every}'} samples are missing"
-            for path, (count, every) in worst[:_SHOWN]
-        ]
-        if len(worst) > _SHOWN:
-            found += [f"warning: {len(worst) - _SHOWN} more files have missing samples"]
-        for name, paths in self.unknown.items():
-            found += [f"warning: {_named(paths)}: {name} is NaN in all pixels"]
-        if self.large:
-            why = f"values above {LARGEST:g}, whose squares overflow: results are wrong in the whole frame"
-            found += [f"warning: {_named(self.large)}: {why}"]
-        if self.clipped:
-            found += [f"warning: {_named(self.clipped)}: results above 65504 are clipped to it, the largest float16"]
-        return found
-
-
-def _layers(known: Description) -> list[str]:
-    """The channels of a file other than its colour."""
-    recognised = [name for buffer, names in known.channels.items() if buffer != "color" for name in names]
-    return [*recognised, *known.unused, *known.unrecognised]
-
-
-def _unmoved(shots: list[list[Description]]) -> list[str]:
-    """Warnings of frames to which history cannot follow motion. A shot's first frame has no history."""
-    lacking, shifted = [], []
-    for before, known in chain.from_iterable(map(pairwise, shots)):
-        if "motion" not in known.channels:
-            cameras = before.camera and known.camera
-            if not (cameras and known.channels.keys() & {"depth", "position"}):
-                lacking.append(known)
-        elif known.corner != before.corner:
-            shifted.append(known.path)
-    found = []
-    if lacking:
-        why = "no motion, and no camera with depth or position to compute it from"
-        files = _named([known.path for known in lacking])
-        found += [f"warning: {files}: {why}: {lacking[0].missing['motion']}"]
-    if shifted:
-        why = "the data window has moved since the frame before: motion must contain that shift"
-        found += [f"warning: {_named(shifted)}: {why}"]
-    return found
-
-
-def _missing(shots: list[list[Description]], names: Iterable[str] | None = None) -> list[str]:
-    """A line for each buffer that some file lacks, with the consequence; with `names`, for these buffers only."""
-    lines = []
-    for name in dict.fromkeys(name for known in chain(*shots) for name in known.missing):
-        # Nothing leads from a shot's first frame to an earlier one.
-        files = [known for shot in shots for known in shot[name in ("motion", "position") :]]
-        lacking = [known for known in files if name in known.missing]
-        if lacking and (names is None or name in names):
-            where = f" in {_named([known.path for known in lacking])}" if len(lacking) < len(files) else ""
-            lines.append(f"missing{where}: {name}: {lacking[0].missing[name]}")
-    return lines
-
-
-def _named(paths: list[Path]) -> str:
-    """The first ones of some files, and how many more there are."""
-    more = f" and {len(paths) - _SHOWN} more" if len(paths) > _SHOWN else ""
-    return f"{', '.join(map(str, paths[:_SHOWN]))}{more}"
-
-
 def _files(inputs: Iterable[str]) -> list[Path]:
     """The files of a sequence; those of a folder in natural order, which is not that of a shell's pattern."""
-    from .io import sequence_paths
-    from .io.shots import natural
-
     paths = sequence_paths(inputs)
     first: dict[str, int] = {}
     for number, path in enumerate(paths):
@@ -721,193 +596,36 @@ def _files(inputs: Iterable[str]) -> list[Path]:
 
 def _reading(options: argparse.Namespace) -> dict[str, Any]:
     """How files are read: the arguments of `read_exr`."""
-    from .io.mapping import parse
-
-    return {"mapping": parse(options.map), "view": options.view}
+    return {"mapping": mapping.parse(options.map), "view": options.view}
 
 
-def _convert(
-    options: argparse.Namespace,
-    what: str,
-    run: Callable[[Iterator[Frame], dict[str, None], str], Iterator[Output]],
-    result: Callable[[Output, Frame], Frame],
-    look: Callable[[list[list[Description]]], list[str]],
+def _process(
+    options: argparse.Namespace, what: str, run: Run, look: Callable[[headers.Shots], list[str]], **named: Any
 ) -> int:
-    """Run a method on the frames of each shot, from input files to output files of the same names."""
+    """Run a method on the frames of each shot; `look` makes lines of their headers, or raises ValueError."""
     from tqdm import tqdm
-
-    from .io import Plate, read_plate, write_exr
-    from .io.ahead import ahead
-    from .io.exr import COMPRESSIONS, HALF_MAX
-    from .io.shots import breaks
 
     if options.compression not in (None, *COMPRESSIONS):
         raise ValueError(f"--compression: expected one of {', '.join(COMPRESSIONS)}, got {options.compression}")
-    reading = _reading(options)
-    paths = _files(options.inputs)
-    files, damaged = _check(paths, _targets(paths, options.output), reading, keep_going=options.keep_going)
-    paths = [known.path for known in files]
-    targets = _targets(paths, options.output)
-    anew = breaks(paths)
-    shots = [range(*ends) for ends in pairwise([0, *sorted(anew), len(paths)])]
-    notes = [*_recognised(files), *look([[files[i] for i in shot] for shot in shots])]
-    there: set[int] = set()
-    if options.resume:
-        there, broken = _there(targets)
-        notes += broken
-        # History begins with a shot: those that lack a frame are computed from there.
-        shots = [shot for shot in shots if not there.issuperset(shot)]
-    else:
-        _spare(targets, options, "--resume goes on where a run stopped, --overwrite replaces")
-    for folder in {target.parent for target in targets}:
-        _writable(folder)
-    for note in [*damaged, *notes, *(f"warning: {about}" for about in anew.values())]:
+    named |= {"keep_going": options.keep_going, "tell": partial(tqdm.write, file=sys.stderr)}
+    reading, paths = _reading(options), _files(options.inputs)
+    batch = Batch(paths, options.output, reading, **named)
+    notes = [*headers.lines(batch.files), *look([[batch.files[i] for i in shot] for shot in batch.shots])]
+    notes += batch.prepare(resume=options.resume, overwrite=options.overwrite)
+    for note in [*batch.damaged, *notes]:
         print(note, file=sys.stderr)
-    used: dict[str, None] = {}
-    odd = _Odd(sparse=what == "denoise" and options.method in ("halfres", "recirculation"))
-    todo = [i for shot in shots for i in shot]
-    if options.resume:
-        print(f"resumed: {len(there)} of {len(paths)} frames are there", file=sys.stderr)
-        _remove_unfinished(targets)
-
-    def load(index: int) -> Plate | OSError | ValueError:
-        try:
-            return read_plate(paths[index], **reading)
-        except (OSError, ValueError) as error:
-            if options.keep_going:
-                return error
-            if isinstance(error, OSError):
-                raise
-            raise ValueError(f"{error} (--keep-going leaves it out, --resume goes on once it is repaired)") from None
-
-    def results(plates: Iterator[Plate | OSError | ValueError]) -> Iterator[tuple[int, Frame, Plate | None]]:
-        for shot in shots:
-            coming = iter(shot)
-            for index in coming:  # once, unless a frame is damaged: history begins anew behind it
-                held: deque[tuple[int, Frame, Plate | None]] = deque()
-
-                def frames(
-                    index: int, coming: Iterator[int] = coming, held: Any = held, start: int = shot[0]
-                ) -> Iterator[Frame]:
-                    for number in chain([index], coming):
-                        plate = next(plates)
-                        if not isinstance(plate, Plate):
-                            damaged.append(f"damaged, left out: {_told(plate)}")
-                            tqdm.write(damaged[-1], file=sys.stderr)
-                            return
-                        odd.note(paths[number], plate.frame, number - start)
-                        # To save memory, only the first waiting frame keeps its other layers; the rest are read again.
-                        held.append((number, plate.frame, None if held else plate))
-                        yield plate.frame
-
-                some = frames(index)
-                for first in some:
-                    where = f" from {paths[held[0][0]]} on" if len(shots) > 1 else ""
-                    for output in run(chain([first], some), used, where):
-                        number, frame, plate = held.popleft()
-                        yield number, result(output, frame), plate
-
-    # Reading, denoising and writing overlap, each in its own thread; OpenEXR and step() release the interpreter's lock.
-    # Writing stays in the main thread, which receives interrupts.
-    read = ahead(map(load, todo))
-    made = ahead(results(read))
-    writing = {"half": options.half, "compression": options.compression}
-    with closing(read), closing(made), tqdm(made, what, len(todo), unit="frame", disable=None) as frames:
-        for index, frame, plate in frames:
-            path, target = paths[index], targets[index]
-            if options.half and max(frame.color.max(), -frame.color.min()) > HALF_MAX:
-                odd.clipped.append(path)
-            with _compared(target) if index in there else nullcontext(target) as at:
-                write_exr(at, frame, **writing, like=plate or read_plate(path, **reading))
-    for line in odd.lines():
+    results = batch.process(run, options.half, options.compression)
+    total = sum(map(len, batch.shots))
+    with closing(results), tqdm(results, what, total, unit="frame", disable=None) as written:
+        for _ in written:
+            pass
+    for line in batch.remarks():
         print(line, file=sys.stderr)
-    if todo:
-        print(f"used: {', '.join(used) or 'colour alone'}", file=sys.stderr)
-    return int(bool(damaged))
-
-
-@contextmanager
-def _compared(target: Path) -> Iterator[Path]:
-    """Where to write a file once more that is there; raises if it is another one: then its run was another one."""
-    with tempfile.TemporaryDirectory() as folder:
-        again = Path(folder) / target.name
-        yield again
-        if again.read_bytes() != target.read_bytes():
-            raise ValueError(f"{target}: is of a run with other inputs or options: --overwrite replaces all frames")
-
-
-def _there(targets: list[Path]) -> tuple[set[int], list[str]]:
-    """The outputs that are there, by index; a line for each damaged one, such as an empty file, which is not."""
-    from .io.layout import check
-
-    there, broken = set(), []
-    for i, target in enumerate(targets):
-        if target.is_file():
-            try:
-                check(target)
-                there.add(i)
-            except ValueError as error:
-                broken.append(f"damaged, written again: {error}")
-    return there, broken
-
-
-def _remove_unfinished(targets: list[Path]) -> None:
-    """Remove the temporary files that a killed run has left, but not those of a run that goes on."""
-    from .io.files import in_use
-
-    for target in targets:
-        for path in target.parent.glob(f".{escape(target.name)}.*.tmp"):
-            if not in_use(path):
-                path.unlink(missing_ok=True)
-
-
-def _recognised(files: list[Description]) -> list[str]:
-    """Lines on the renderers of files, and on choices among their layers; each once."""
-    lines: dict[str, Description] = {}
-    for known in files:
-        if known.renderer:
-            lines.setdefault(f"recognised: {known.renderer}, by {known.evidence}", known)
-        for remark in known.remarks:
-            lines.setdefault(f"note: {remark}", known)
-        if known.views:
-            others = ", ".join(view for view in known.views if view != known.view)
-            lines.setdefault(f"note: view {known.view} is used, not {others}; --view chooses", known)
-        for name, why in known.unused.items():
-            if "map it" in why and "motion" not in known.channels:
-                lines.setdefault(f"note: {name.rpartition('.')[0] or name}: not used: {why}", known)
-    renderers = {known.renderer: known.path for known in reversed(files)}
-    if len(renderers) > 1:
-        of = "; ".join(f"{path} is by {name or 'an unknown one'}" for name, path in renderers.items())
-        lines[f"warning: files of several renderers: {of}"] = files[0]
-    return list(lines)
-
-
-def _targets(paths: list[Path], output: Path, suffix: str = ".exr", *others: str) -> list[Path]:
-    """The output path of each input: in a folder under its own name, or, for a single file, the given name.
-
-    `others` are further endings that the command takes, for the message.
-    """
-    if not output.is_dir():
-        if output.suffix.lower() == suffix:
-            if len(paths) > 1:
-                raise ValueError(f"-o {output}: expected a folder for {len(paths)} files, got a file name")
-            return [output]
-        if output.suffix.lower() in _PICTURES:
-            known = " or ".join((suffix, *others))
-            raise ValueError(f"-o {output}: expected a folder, or a name that ends in {known}")
-    targets: dict[Path, Path] = {}
-    for path in paths:
-        target = output / (path.name if suffix == ".exr" else f"{path.stem}{suffix}")
-        if target in targets:
-            raise ValueError(f"{path}: its output would overwrite that of {targets[target]}, which has the same name")
-        targets[target] = path
-    return [*targets]
+    return int(bool(batch.damaged))
 
 
 def _info(options: argparse.Namespace) -> None:
     _need("exr", "OpenEXR")
-    from .io import describe
-
     known = describe(options.file, **_reading(options))
     width = max(map(len, [*known.channels, *known.missing, "camera"]))
     print(f"{known.path}: {known.width} x {known.height}")
@@ -943,10 +661,6 @@ def _info(options: argparse.Namespace) -> None:
 
 def _checked(options: argparse.Namespace) -> int:
     _need("exr", "OpenEXR")
-    from .io import describe, read_sequence
-    from .io.mapping import load
-    from .io.shots import breaks
-
     reading = _reading(options)
     paths = _files(options.inputs)
     end, *_ = [*breaks(paths), len(paths)]
@@ -957,7 +671,7 @@ def _checked(options: argparse.Namespace) -> int:
     known = describe(chosen[-1], **reading)
     if "motion" not in known.channels and (guess := _like_motion(known)):
         print(f"tried: motion={','.join(guess)}")
-        reading["mapping"] |= load({"motion": guess})
+        reading["mapping"] |= mapping.load({"motion": guess})
         known = describe(chosen[-1], **reading)
     stored = {
         buffer: [*zip(known.factors[buffer], channels, strict=True)]
@@ -1004,11 +718,38 @@ def _grouped(channels: Iterable[str], *, sort: bool = True) -> str:
 
 def _chart(options: argparse.Namespace) -> None:
     _need("study", "OpenEXR", "PIL", "flip_evaluator", "matplotlib", "platformdirs", "skimage", "tqdm")
-    from .metrics import METRICS
-    from .study.compare import ablation, doors, harm, points
-    from .study.compare.chart import chart
-    from .study.compare.methods import METHODS, current_name
     from .study.compare.peers import peers
+
+    metrics, doors = _chart_arguments(options)
+    found, absent = ([], {}) if options.no_peers or options.ablate else peers()
+    methods = _chart_methods(options, found, absent)
+    points = not options.ablate and options.doors is None
+    written = ["report.html", "points.csv"] if points else ["ablation.csv" if options.ablate else "doors.csv"]
+    spare([options.output / name for name in written], overwrite=options.overwrite)
+    given = _recordings(options)
+    if points:
+        _spare_figures(options, [*given], metrics)
+    writable(options.output)
+    for name, remedy in absent.items():
+        print(f"not installed: {name}: {remedy}", file=sys.stderr)
+    if options.frames and not options.references:
+        print("no references: only speed and the change along motion are measured", file=sys.stderr)
+    recordings = [make() for make in given.values()]
+    if points:
+        _chart_points(options, recordings, metrics, methods)
+    elif options.ablate:
+        _chart_ablation(options, recordings, metrics, doors)
+    else:
+        _chart_doors(options, recordings, metrics, doors, methods)
+    for name in written:
+        print(options.output / name)
+
+
+def _chart_arguments(options: argparse.Namespace) -> tuple[list[str], list[Any]]:
+    """The metrics and the doors; ValueError for arguments that are unknown or contradict each other."""
+    from .metrics import METRICS
+    from .study.compare.doors import DOORS
+    from .study.compare.harm import LIMITS
 
     if options.references and not options.frames:
         raise ValueError("--references: expected FRAMES as well, got none")
@@ -1019,65 +760,81 @@ def _chart(options: argparse.Namespace) -> None:
             raise ValueError(f"{option}: expected no FRAMES beside it, as it is for sequences to render")
     if options.ablate and options.methods:
         raise ValueError("--methods: expected none with --ablate, which chooses the methods itself")
-    metrics = options.metrics and _known("--metrics", options.metrics, METRICS)
-    bare = options.frames and not options.references
-    if bare:
+    metrics = _known("--metrics", options.metrics or [], METRICS)
+    if options.frames and not options.references:
         metrics = [key for key in metrics or METRICS if METRICS[key].needs == "none"]
         if not metrics:
             got = ", ".join(options.metrics)
             raise ValueError(f"--metrics: expected metrics without a reference, or --references, got {got}")
-    entered = [*doors.DOORS[: 1 if options.doors is None else None]]
-    if options.doors:
-        names = _known("--doors", options.doors, [door.name for door in doors.DOORS])
-        entered = [door for door in doors.DOORS if door.name in names]
-    found, absent = ([], {}) if options.no_peers or options.ablate else peers()
+    if options.doors is None:
+        return metrics or [*(LIMITS if options.ablate else METRICS)], [*DOORS[:1]]
+    names = _known("--doors", options.doors, [door.name for door in DOORS])
+    return metrics or [*LIMITS], [door for door in DOORS if not names or door.name in names]
+
+
+def _chart_methods(options: argparse.Namespace, found: list[Any], absent: dict[str, str]) -> list[Any]:
+    """The methods asked for, by default all, of this package and of the peers that were found."""
+    from .study.compare.doors import METHODS as DEFAULTS
+    from .study.compare.doors import NETWORK
+    from .study.compare.methods import METHODS, current_name
+
+    if options.doors is not None and not options.methods:
+        return [*DEFAULTS, *(method for method in found if method.name == NETWORK)]
     every = [*METHODS, *found]
-    wanted = tuple(current_name(name) for name in options.methods or ())
+    wanted = tuple(current_name(name) for name in options.methods or [""])
     for one in wanted:
-        if not any(m.name.startswith(one) for m in every):
-            known = "; ".join([*(m.name for m in every), *(f"(not installed) {name}" for name in absent)])
+        if not any(method.name.startswith(one) for method in every):
+            known = "; ".join([*(method.name for method in every), *(f"(not installed) {name}" for name in absent)])
             raise ValueError(f"--methods: expected prefixes of {known}, got {one}")
-    methods = [m for m in every if not wanted or m.name.startswith(wanted)]
-    written = ["report.html", "points.csv"]
-    if options.ablate or options.doors is not None:
-        written = ["ablation.csv" if options.ablate else "doors.csv"]
-    _spare([options.output / name for name in written], options)
-    given = _recordings(options)
-    folder = _writable(options.output)
-    for name, remedy in absent.items():
-        print(f"not installed: {name}: {remedy}", file=sys.stderr)
-    if bare:
-        print("no references: only speed and the change along motion are measured", file=sys.stderr)
-    recordings = list(given)
-    few = metrics or [*harm.LIMITS]
+    return [method for method in every if method.name.startswith(wanted)]
 
-    def tell(table: str, harmful: list[str], path: Path) -> None:
-        print(table)
-        if harm.LIMITS.keys() & few:
-            print("", f"cases of harm: {len(harmful)}", *harmful, sep="\n")
-        print(path)
 
-    if options.ablate:
-        effects = ablation.ablate(recordings, folder, metrics=few, doors=entered, size=options.time_size)
-        tell(ablation.table(effects), ablation.harmful(effects), folder / "ablation.csv")
-        return
-    if options.doors is not None:
-        chosen = methods if options.methods else [*doors.METHODS, *(m for m in found if m.name == doors.NETWORK)]
-        worth = doors.measure_doors(recordings, chosen, folder, metrics=few, doors=entered)
-        tell(doors.table(worth), doors.harmful(worth), folder / "doors.csv")
-        return
+def _spare_figures(options: argparse.Namespace, names: list[str], metrics: list[str]) -> None:
+    """Refuse to replace the figures of sequences unless that is asked for."""
+    from .study.compare.points import ALL
+    from .study.compare.report import figure_paths
+
+    scenes = [*names, ALL] if len(names) > 1 else names
+    figures = [path for name in scenes for key in metrics for path in figure_paths(options.output, key, name)]
+    spare(figures, overwrite=options.overwrite)
+
+
+def _chart_points(options: argparse.Namespace, recordings: list[Any], metrics: list[str], methods: list[Any]) -> None:
+    from .study.compare.chart import chart
+    from .study.compare.points import table
+
     threads, instructions = settings()
     about = f"yester {__version__}, {threads} threads, {instructions}"
-    size = options.time_size
-    measured = chart(recordings, methods, folder, metrics=metrics or METRICS, size=size, about=about)
-    print(points.table([point for point in measured if point.scene == measured[-1].scene]))
-    for name in ("report.html", "points.csv"):
-        print(folder / name)
+    points = chart(recordings, methods, options.output, metrics=metrics, size=options.time_size, about=about)
+    print(table([point for point in points if point.scene == points[-1].scene]))
 
 
-def _recordings(options: argparse.Namespace) -> Iterable[Any]:
-    """The sequences to chart: the user's files, or rendered (and cached) ones, lazily."""
-    from .io.shots import breaks
+def _chart_ablation(options: argparse.Namespace, recordings: list[Any], metrics: list[str], doors: list[Any]) -> None:
+    from .study.compare.ablation import ablate, harmful, table
+
+    effects = ablate(recordings, options.output, metrics=metrics, doors=doors, size=options.time_size)
+    _tell_harm(table(effects), harmful(effects), metrics)
+
+
+def _chart_doors(
+    options: argparse.Namespace, recordings: list[Any], metrics: list[str], doors: list[Any], methods: list[Any]
+) -> None:
+    from .study.compare.doors import harmful, measure_doors, table
+
+    worth = measure_doors(recordings, methods, options.output, metrics=metrics, doors=doors)
+    _tell_harm(table(worth), harmful(worth), metrics)
+
+
+def _tell_harm(table: str, harmful: list[str], metrics: list[str]) -> None:
+    from .study.compare.harm import LIMITS
+
+    print(table)
+    if LIMITS.keys() & metrics:
+        print("", f"cases of harm: {len(harmful)}", *harmful, sep="\n")
+
+
+def _recordings(options: argparse.Namespace) -> dict[str, Callable[[], Any]]:
+    """The sequences to chart, each made when it is called: the user's files, or rendered (and cached) ones."""
     from .study.rendered.recording import open_recording, record
 
     if options.frames:
@@ -1087,18 +844,18 @@ def _recordings(options: argparse.Namespace) -> Iterable[Any]:
         if anew := breaks(paths):  # methods would carry history on
             where = anew[min(anew)].rpartition(": ")[0]
             raise ValueError(f"{where}; expected consecutive frames of one shot")
-        return [found]
+        return {found.name: lambda: found}
     _need("study", "mitsuba")
     from .study.rendered.sequences import GROUPS, LATE, NAMES, THIN, expand
 
     asked = _known("--sequences", options.sequences or ["all"], [*GROUPS, *NAMES, *LATE, *THIN])
     if options.cache:
-        _writable(options.cache)
+        writable(options.cache)
     width, height = options.size or (256, 192)
     shape = {"frames": options.length or 16, "width": width, "height": height, "reference_spp": options.reference_spp}
     shape["variants"] = (options.seeds or 1) - 1
     shape["raw_albedo"] = options.doors is not None
-    return (record(name, options.cache, **shape) for name in expand(asked))
+    return {name: partial(record, name, options.cache, **shape) for name in expand(asked)}
 
 
 def _known(argument: str, given: list[str], known: Iterable[str]) -> list[str]:
@@ -1112,6 +869,8 @@ def _stress(options: argparse.Namespace) -> None:
     _need("study", "PIL", "psutil", "tqdm")
     from .study.synthetic import stress
 
+    pictures = sorted((options.output / "worst").glob("*.png"))
+    spare([options.output / "stress.md", options.output / "stress.csv", *pictures], overwrite=options.overwrite)
     named = {"endurance": options.endurance, "quick": options.quick}
     print(stress.run(options.output, options.scenarios, options.methods, **named))
     for name in ("stress.md", "stress.csv", "worst"):
@@ -1124,11 +883,12 @@ def _bench(options: argparse.Namespace) -> None:
 
     settings = bench.settings(options.threads, options.simd)
     tasks = bench.chosen(options.only)
-    folder = _writable(options.output)
+    written = [options.output / name for name in ("bench.md", "bench.csv", "targets.csv", "bench.svg")]
+    spare(written, overwrite=options.overwrite)
+    writable(options.output)
     named = {"repetitions": options.repetitions, "compare": not options.no_rivals}
-    print(bench.run(folder, tasks, [*dict.fromkeys(options.sizes)], settings, **named))
-    for name in ("bench.md", "bench.csv", "targets.csv", "bench.svg"):
-        print(folder / name)
+    print(bench.run(options.output, tasks, [*dict.fromkeys(options.sizes)], settings, **named))
+    print(*written, sep="\n")
 
 
 def _vector(values: NDArray[np.float64]) -> str:
@@ -1139,75 +899,3 @@ def _need(extra: str, *modules: str) -> None:
     absent = [name for name in modules if find_spec(name) is None]
     if absent:
         raise ImportError(f"{', '.join(absent)} not installed: pip install 'yester[{extra}]'")
-
-
-def _check(
-    paths: list[Path], targets: list[Path], reading: dict[str, Any], *, keep_going: bool
-) -> tuple[list[Description], list[str]]:
-    """Check the headers for problems that would stop the work half-way; a line for each damaged file that is left out.
-
-    Without `keep_going`, damaged files are an error, which names all of them.
-    """
-    from .io import describe
-    from .io.exr import UnsuitedError, without_colour
-
-    files: list[Description] = []
-    damaged: list[ValueError] = []
-    for path, target in zip(paths, targets, strict=True):
-        if target.resolve() == path.resolve():
-            raise ValueError(f"{path}: the output would overwrite this input; choose another folder")
-        try:
-            known = describe(path, **reading)
-        except UnsuitedError:
-            raise
-        except FileNotFoundError:  # a link that leads nowhere
-            damaged.append(ValueError(f"{path}: not there"))
-            continue
-        except (OSError, ValueError) as error:
-            damaged.append(ValueError(_told(error)))
-            continue
-        files.append(known)
-        first = files[0]
-        if "color" not in known.channels:
-            raise without_colour(path, [*known.unused, *known.unrecognised])
-        if known.whole:
-            raise ValueError(f"{path}: {known.whole[0]}: expected channels of floats, got uint32")
-        _of_one_size(known, first)
-        if ("albedo" in known.channels) != ("albedo" in first.channels):
-            has, lacks = (path, first.path) if "albedo" in known.channels else (first.path, path)
-            raise ValueError(f"{lacks}: no albedo, but {has} has albedo")
-    if damaged and not (keep_going and files):
-        others = f"; so are {len(damaged) - 1} more" if len(damaged) > 1 else ""
-        named = ": " + "; ".join(str(error).partition(": ")[0] for error in damaged[1:]) if others else ""
-        raise ValueError(f"{damaged[0]}{others}{named} (--keep-going leaves them out)")
-    return files, [f"damaged, left out: {error}" for error in damaged]
-
-
-def _of_one_size(known: Description, first: Description) -> None:
-    """Raise ValueError for a file of another size than the first."""
-    if (known.width, known.height) != (first.width, first.height):
-        raise ValueError(
-            f"{known.path}: {known.width} x {known.height}, but {first.path} is {first.width} x {first.height}"
-        )
-
-
-def _spare(targets: Iterable[Path], options: argparse.Namespace, remedy: str = "--overwrite replaces") -> None:
-    """Refuse to replace files unless that is asked for."""
-    targets = [*targets]
-    for target in targets:
-        if target.is_dir():
-            raise ValueError(f"{target}: is a folder; choose another name")
-    # A link counts even if what it leads to is not there at the moment.
-    there = [target for target in targets if os.path.lexists(target)]
-    if there and not options.overwrite:
-        raise ValueError(f"{_named(there)}: exists already: {remedy}")
-
-
-def _writable(folder: Path) -> Path:
-    """Create the folder and check that it is writable."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        tempfile.TemporaryFile(dir=folder).close()
-    except OSError as error:
-        raise OSError(f"{folder}: cannot be written: {error.strerror}") from None
-    return folder

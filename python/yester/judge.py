@@ -17,6 +17,9 @@ __all__ = ["Predicted", "predictive_error"]
 #: Weightings of squared errors: relative to brightness, as in `relmse`, and in display space, as in `psnr`.
 WEIGHTINGS = ("relative", "display")
 
+#: Why the motion of a frame is unknown (`known_motion`).
+UNMOVED = "no motion, and no camera with depth or position to compute it from"
+
 #: ε of the relative error, as in `relmse`.
 _EPSILON = 0.01
 #: Coverage above which a pixel is compared: all taps are valid, up to rounding.

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 #: Names in a message; of more, it has the number.
-_SHOWN = 3
+SHOWN = 3
 
 
 def few(names: Sequence[object]) -> str:
     """The first ones of some names, and how many more there are."""
-    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
-    return f"{', '.join(map(str, names[:_SHOWN]))}{more}"
+    more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
+    return f"{', '.join(map(str, names[:SHOWN]))}{more}"
 
 
 def told(error: Exception) -> str:

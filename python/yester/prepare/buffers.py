@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from .._core import SVGF, accumulate, demodulate, estimate_variance, is_reflectance, reproject
 from ..frame import Frame, present
-from ..judge import known_motion, surface_tests
+from ..judge import UNMOVED, known_motion, surface_tests
 
 __all__ = ["CHANNELS", "DERIVED", "MOVING", "derive", "halve", "needs"]
 
@@ -45,7 +45,6 @@ DERIVED = ("demodulated", "history", "history_length", "validity", "difference",
 _TEMPORAL = {"history", "history_length", "validity", "difference", "variance"}
 #: Those that need the motion of every frame but the first.
 MOVING = {"motion", "denoised", *_TEMPORAL}
-_UNMOVED = "no motion, and no camera with depth or position to compute it from"
 
 #: Smallest weight of the new sample in the history: that of `SVGF`.
 ALPHA = 0.2
@@ -61,7 +60,7 @@ def needs(name: str, known: Collection[str]) -> str | None:
     places = "camera" in known and ("depth" in known or "position" in known)
     of = f", which {name} is made of" if name in DERIVED else ""
     if name in MOVING:
-        return None if "motion" in known or places else f"{_UNMOVED}{of}"
+        return None if "motion" in known or places else f"{UNMOVED}{of}"
     source = "albedo" if name == "demodulated" else name
     return None if source in known else f"no {source}{of}"
 
@@ -112,7 +111,7 @@ def derive(frames: Iterable[Frame], wanted: Collection[str]) -> Iterator[tuple[I
             raise ValueError(f"expected {expected}, got height {own} and width {across}")
         motion = None if before is None else known_motion(before, frame)
         if before is not None and motion is None and wanted & MOVING:
-            raise ValueError(_UNMOVED)
+            raise ValueError(UNMOVED)
         images: Images = dict(frame.buffers())
         seen = np.isfinite(frame.color).all(-1)
         images["color"] = present(frame)

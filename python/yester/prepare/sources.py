@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ..frame import Frame
 from ..io import Description, describe, read_exr, sequence_paths
 from ..io.exr import without_colour
+from ..io.headers import MOVED, layers, moved
 from ..io.noisebase import layout, read_noisebase
 from ..io.shots import breaks, natural
 from ..messages import few, told
@@ -147,14 +148,9 @@ class Source:
         if wrong:
             raise Damaged(*(f"{few(paths)}: {what}" for what, paths in wrong.items()))
         found = [self.jump] if self.jump else []
-        shifted = [
-            here.path.name
-            for before, here in pairwise(known)
-            if "motion" in here.channels and here.corner != before.corner
-        ]
+        shifted = [here.path.name for before, here in pairwise(known) if moved(before, here)]
         if shifted and MOVING.intersection(buffers):
-            why = "the data window has moved since the frame before: motion must contain that shift"
-            found.append(f"{few(shifted)}: {why}")
+            found.append(f"{few(shifted)}: {MOVED}")
         return found
 
     def read(self) -> Iterator[Read]:
@@ -225,7 +221,7 @@ def _describe(path: Path, reading: dict[str, Any]) -> Description:
     with _named(path):
         known = describe(path, **reading)
     if "color" not in known.channels:
-        raise without_colour(path, [*known.unused, *known.unrecognised])
+        raise without_colour(path, layers(known))
     return known
 
 

@@ -216,12 +216,16 @@ def write_figures(points: Sequence[Point], folder: Path) -> list[Path]:
     folder.mkdir(parents=True, exist_ok=True)
     written = []
     for scene, each, figure in _charts(points):
-        for kind in ("png", "svg"):
-            path = folder / f"{each.key}_{re.sub(r'[^A-Za-z0-9._-]+', '-', scene)}.{kind}"
+        for path in figure_paths(folder, each.key, scene):
             with beside(path) as temporary, temporary.open("wb") as file:
-                save_figure(figure, file, kind)
+                save_figure(figure, file, path.suffix[1:])
             written.append(path)
     return written
+
+
+def figure_paths(folder: Path, key: str, scene: str) -> list[Path]:
+    """The files of a metric's chart."""
+    return [folder / f"{key}_{re.sub(r'[^A-Za-z0-9._-]+', '-', scene)}.{kind}" for kind in ("png", "svg")]
 
 
 def write_report(

@@ -24,7 +24,7 @@ from tqdm import tqdm
 from yester import Camera, Frame
 from yester.io import describe, read_exr, sequence_paths, write_exr
 from yester.io import mitsuba as renderer
-from yester.io.exr import without_colour
+from yester.io.headers import same_albedo, suit
 
 from . import build, sequences
 from .build import Exposure
@@ -225,17 +225,12 @@ def open_recording(
     clean = [] if references is None else sequence_paths(references)
     pairs = _pair(noisy, clean)
     first = describe(noisy[0], **reading)
-    for path in (*noisy, *clean):
-        known = describe(path, **reading if path in noisy else {})
-        if "color" not in known.channels:
-            others = [channel for channels in known.channels.values() for channel in channels]
-            raise without_colour(path, [*others, *known.unrecognised])
-        if (known.width, known.height) != (first.width, first.height):
-            size, expected = f"{known.width} x {known.height}", f"{first.width} x {first.height}"
-            raise ValueError(f"{path}: expected {expected} as {first.path}, got {size}")
-        if path in noisy and ("albedo" in known.channels) != ("albedo" in first.channels):
-            expected, got = ("one", "none") if "albedo" in first.channels else ("none", "one")
-            raise ValueError(f"{path}: albedo: expected {expected} as in {first.path}, got {got}")
+    for path in noisy:
+        known = describe(path, **reading)
+        suit(known, first)
+        same_albedo(known, first)
+    for path in clean:
+        suit(describe(path), first)
     return Recording(name or noisy[0].resolve().parent.name, noisy, pairs, reading=reading)
 
 

@@ -362,7 +362,7 @@ def run(
     folder : path
         For ``stress.csv`` with all measures, ``stress.md`` with the verdicts and the definitions of the measures, and
         ``worst/SCENARIO-METHOD.png`` with, from left to right, input, output, reference and four times the error of
-        the worst frame. Created if missing; files of these names are replaced.
+        the worst frame. Created if missing. Files of these names are replaced, and all PNG files in ``worst`` removed.
     scenarios, methods : iterable of str, optional
         Names; by default all of `SCENARIOS` and of `pipelines`.
     frames : int, optional
@@ -403,6 +403,8 @@ def run(
     except OSError as error:
         raise OSError(f"{folder}: cannot be written: {error.strerror}") from None
 
+    for picture in (folder / "worst").glob("*.png"):
+        picture.unlink()
     trials: list[Trial] = []
     for scenario in _progress(staged, "failures"):
         for trial in examine(scenario, chosen, seed=seed, frames=frames):
