@@ -57,6 +57,13 @@ pub(crate) fn finite_from_0(argument: &str, value: f32) -> Result<()> {
     })
 }
 
+/// An error if the value is not above 0, infinite or NaN.
+pub(crate) fn finite_above_0(argument: &str, value: f32) -> Result<()> {
+    in_range(argument, value, "a finite number above 0", |v| {
+        v > 0.0 && v.is_finite()
+    })
+}
+
 /// An integer of any type, such as Python's, which may be negative or too large for the parameter.
 pub(crate) trait Whole<T>: Copy + Display + TryInto<T> {}
 

@@ -813,6 +813,28 @@ mod tests {
     use super::*;
 
     #[test]
+    fn images_have_a_possible_number_of_channels() {
+        let size = Size {
+            height: 3,
+            width: 5,
+        };
+        assert_eq!(Image::<f32>::zeros(size, 2).unwrap().data_mut().len(), 30);
+        for channels in [0, usize::MAX, usize::MAX / 15 + 1] {
+            assert!(Image::<f32>::zeros(size, channels).is_err(), "{channels}");
+        }
+    }
+
+    #[test]
+    #[should_panic(expected = "an output has another size")]
+    fn an_output_of_two_planes_is_not_one() {
+        let size = Size {
+            height: 3,
+            width: 5,
+        };
+        plane_bands(&mut [0.0; 30], size).for_each(drop);
+    }
+
+    #[test]
     fn interleaving_goes_both_ways() {
         for (height, width) in [(1, 1), (1, 7), (33, 5), (16, 1), (17, 3)] {
             for channels in 1..5 {

@@ -176,6 +176,16 @@ mod tests {
         }
     }
 
+    proptest! {
+        #[test]
+        fn inverse_tone_map_keeps_its_limit(rgb: [f32; 3], exposure in 1e-30f32..1e30, limit in 1e-30f32..1e30) {
+            prop_assume!(rgb.iter().all(|c| c.abs() < 1e6));
+            let back = inverse_tone_map(rgb, exposure, limit);
+            prop_assert!(back.iter().all(|c| c.is_finite()), "{back:?}");
+            prop_assert!(max_channel(back) <= limit * (1.0 + 1e-6), "{back:?}");
+        }
+    }
+
     #[test]
     fn luminance_of_grey_is_grey() {
         assert!((luminance(0.5, 0.5, 0.5) - 0.5).abs() < 1e-7);

@@ -639,6 +639,18 @@ def test_one_size_until_reset():
     assert svgf.step(large).history_length.max() == 1
 
 
+def test_a_refused_recall_leaves_the_output_stage_alone():
+    rng = np.random.default_rng(0)
+    frames = [yester.Frame(rng.random((8, 9, 3), np.float32)) for _ in range(3)]
+    plain, asked = yester.SVGF(), yester.SVGF()
+    for frame in frames[:2]:
+        plain.step(frame)
+        asked.step(frame)
+    with pytest.raises(ValueError, match="reset"):
+        asked.recall(yester.Frame(np.ones((9, 9, 3), np.float32)))
+    assert_same_bits(asked.step(frames[2]).color, plain.step(frames[2]).color)
+
+
 def test_albedo_always_or_never():
     """With and without albedo the history means different things."""
     color = np.ones((8, 9, 3), np.float32)

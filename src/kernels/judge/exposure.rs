@@ -8,7 +8,7 @@
 
 use std::ops::Range;
 
-use crate::error::{Result, in_range};
+use crate::error::{Result, finite_above_0};
 use crate::image::{BandMut, Image, Pixels, SEGMENT, Size, segments};
 use crate::lanes::LANES;
 use crate::math::{is_present, luminance};
@@ -19,9 +19,7 @@ const FACTOR: f64 = 8.0;
 
 /// Whether a number can be the exposure of other kernels.
 pub fn check(exposure: f32) -> Result<()> {
-    in_range("exposure", exposure, "a finite number above 0", |v| {
-        v > 0.0 && v.is_finite()
-    })
+    finite_above_0("exposure", exposure)
 }
 
 /// The exposure of an image: its radiance that a tone curve takes for 1.

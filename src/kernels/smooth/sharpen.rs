@@ -12,9 +12,8 @@
 
 use std::ops::Range;
 
-use crate::error::{Result, from_0_to_1};
+use crate::error::{Result, finite_above_0, from_0_to_1};
 use crate::image::{Pixels, Run, SEGMENT, segments};
-use crate::kernels::judge::exposure;
 use crate::math::{inverse_tone_map, is_present, larger, max_channel, smaller, tone_map};
 use crate::pixels::{PixelsMut, Rolling, Row};
 use crate::rows::{self, Kernel, Simd};
@@ -32,7 +31,7 @@ impl Params {
     /// An error if a parameter is out of range.
     pub fn check(&self) -> Result<()> {
         from_0_to_1("strength", self.strength)?;
-        exposure::check(self.exposure)
+        finite_above_0("exposure", self.exposure)
     }
 }
 
