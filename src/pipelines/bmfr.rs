@@ -19,7 +19,7 @@ use super::illumination::{Illumination, illumination, modulated, without_firefli
 use super::material_ids::MaterialIds;
 use super::recall::{self, Memory, Recalled};
 use super::repetition::Noise;
-use super::taa::{self, Denoised, Others, Stage};
+use super::taa::{self, Input, Others, Stage};
 use crate::error::{Result, from_0_to_1};
 use crate::image::{Image, Interleaved, Pixels, View};
 use crate::kernels::camera::pinhole::Camera;
@@ -163,29 +163,16 @@ impl Steps for Bmfr {
         let given = frame;
         let frame = &materials.frame(given);
         let inputs = Inputs::new(frame, materials.texture(frame), memory.as_ref());
-        let Inputs {
-            texture, features, ..
-        } = inputs;
+        let texture = inputs.texture;
 
         let sample = illumination(frame.color, texture);
         let past = inputs.reproject(&params.history, memory, &sample, &mut output);
         let (mut history, missing) = merge(&params.history, &sample, &past, output.confidence);
         let light = history.pixels().part(LIGHT);
         let bright = exposure(light);
-        let textured = frame.albedo.is_some();
-        let trust = (params.by_light).then(|| by_light(light, bright, textured));
+        let trust = (params.by_light).then(|| by_light(light, bright, frame.albedo.is_some()));
         let trust = trust.as_ref().map(Image::view);
-        let reflecting =
-            (frame.albedo).map(|albedo| without_emitters(albedo, frame.emission, &history, trust));
-        let weight = reflecting.as_ref().map(Image::view).or(trust);
-        let fit = fit(
-            light,
-            features,
-            weight.map(Pixels::from),
-            params.features,
-            params.block_of(frame),
-            age,
-        );
+        let fit = inputs.fit(params, &history, trust, age);
         accumulate_fits(&fit, &past.history, params.fitted_alpha, &mut history);
         let mixes = params.antialias.is_some_and(|stage| stage.choice);
         let compared = (mixes || params.restore.is_some())
@@ -196,16 +183,9 @@ impl Steps for Bmfr {
         let mut detailed = (params.restore.filter(|_| !repeats))
             .map(|params| restored(&history, sample.pixels(), trust, params));
         drop((sample, past, fit));
-        let evidence = (params.history.innovation.filter(|_| !first)).map(|params| {
-            inputs.correct(
-                params,
-                bright,
-                trust,
-                evidence.as_ref(),
-                &mut history,
-                detailed.as_mut(),
-            )
-        });
+        let (before, shown) = (evidence.as_ref(), detailed.as_mut());
+        let evidence = (params.history.innovation.filter(|_| !first))
+            .map(|params| inputs.correct(params, bright, trust, before, &mut history, shown));
         let light = detailed
             .as_ref()
             .map_or_else(|| history.channels(FITS), Image::view);
@@ -213,15 +193,14 @@ impl Steps for Bmfr {
         let color = textured.as_ref().map_or(light, Image::view);
         match &mut self.antialias {
             Some(stage) => {
-                let denoised = Denoised {
-                    color: color.into(),
-                    corrects: params.history.innovation.is_some(),
+                let corrects = params.history.innovation.is_some();
+                let others = Others::by_confidence(View::new(color.size, 1, output.confidence));
+                let input = Input {
                     weight: trust,
-                    repeats,
-                    others: Others::by_confidence(View::new(color.size, 1, output.confidence)),
+                    ..Input::denoised(color.into(), corrects, repeats, others)
                 };
                 let (before, motion) = (inputs.before.as_ref(), inputs.motion.pixels());
-                stage.show(frame, before, motion, denoised, output.color);
+                stage.show(frame, before, motion, input, output.color);
             }
             None => show(color, output.color),
         }
@@ -325,6 +304,32 @@ impl<'a> Inputs<'a> {
             hold,
             output.confidence,
             output.rejection,
+        )
+    }
+
+    /// Fits the accumulated light, where emitters do not count. Pixels count by `trust`, if there is any.
+    fn fit(
+        &self,
+        params: &Params,
+        history: &Image,
+        trust: Option<View>,
+        age: usize,
+    ) -> Interleaved {
+        let Frame {
+            albedo, emission, ..
+        } = *self.frame;
+        let reflecting = albedo.map(|albedo| without_emitters(albedo, emission, history, trust));
+        fit(
+            history.pixels().part(LIGHT),
+            self.features,
+            reflecting
+                .as_ref()
+                .map(Image::view)
+                .or(trust)
+                .map(Pixels::from),
+            params.features,
+            params.block_of(self.frame),
+            age,
         )
     }
 

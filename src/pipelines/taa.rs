@@ -77,16 +77,37 @@ pub(crate) struct Stage {
     history: Option<History>,
 }
 
-/// What the stage gets from the denoiser before it.
-pub(crate) struct Denoised<'a> {
+/// What the stage merges into its history.
+pub(crate) struct Input<'a> {
     pub color: Pixels<'a>,
-    /// Whether the samples correct the result.
-    pub corrects: bool,
+    pub origin: Origin,
+    /// How the samples correct the result, if they do.
+    pub correction: Option<innovation::Params>,
     /// By how much of its difference from the result each sample counts then, if not all count wholly.
     pub weight: Option<View<'a>>,
-    /// Whether the noise of the samples repeats, so that they are not mixed in.
-    pub repeats: bool,
     pub others: Others<'a>,
+}
+
+/// Where the stage's colour is from.
+#[derive(Clone, Copy, PartialEq)]
+pub(crate) enum Origin {
+    /// It is the frame's samples.
+    Samples,
+    /// A denoiser has made it of the frame's samples. They are mixed in, unless their noise repeats.
+    Denoiser { repeats: bool },
+}
+
+impl<'a> Input<'a> {
+    /// From a denoiser.
+    pub fn denoised(color: Pixels<'a>, corrects: bool, repeats: bool, others: Others<'a>) -> Self {
+        Self {
+            color,
+            origin: Origin::Denoiser { repeats },
+            correction: corrects.then_some(AFTER_DENOISER),
+            weight: None,
+            others,
+        }
+    }
 }
 
 /// Tests and confidence by which history of another surface is rejected.
@@ -122,42 +143,47 @@ impl Stage {
         self.history = None;
     }
 
-    /// The whole stage behind a denoiser: antialiases its colour, corrects the result by what the frame's samples show to be
-    /// wrong with it, and mixes them in. `before` is the camera of the frame before. Returns the number of missing pixels.
+    /// The whole stage: antialiases a colour, corrects the result by what the frame's samples show to be wrong with it, and mixes
+    /// them in behind a denoiser. `before` is the camera of the frame before. Returns the number of missing pixels.
     pub fn show<'a>(
         &mut self,
         frame: &Frame<'a>,
         before: Option<&Camera>,
         motion: Pixels<'a>,
-        denoised: Denoised<'a>,
+        input: Input<'a>,
         shown: &mut [f32],
     ) -> usize {
-        let Denoised {
-            color,
-            corrects,
-            weight,
-            repeats,
-            others,
-        } = denoised;
+        let (samples, color) = (frame.color, input.color);
         let depth = frame.surface.depth.map(Pixels::plane);
         let still = self.still(frame, before);
         let choice = Choice::of(depth, still.as_ref());
         let out = PixelsMut::bands(color.size, 3, shown);
-        let params = self.params.of(frame);
-        if corrects {
-            self.follow_light(frame.color, motion);
+        if input.origin != Origin::Samples && input.correction.is_some() {
+            self.follow_light(samples, motion);
         }
-        let bright = exposure(color);
-        let params = params.exposed(bright);
-        let missing = self.step(params, color, motion, choice, out, others);
-        drop(still);
-        let correction = corrects.then_some(AFTER_DENOISER);
-        self.correct(correction, frame.color, weight, motion, bright, shown);
-        let noise = mix::SampleNoise {
-            repeats,
-            jittered: frame.jitter.is_some(),
+        let params = self.params.of(frame);
+        let bright = match input.origin {
+            Origin::Samples => params.exposure(color),
+            Origin::Denoiser { .. } => exposure(color),
         };
-        self.mix(frame.color, color, motion, bright, noise, shown);
+        let params = params.exposed(bright);
+        let missing = self.step(params, color, motion, choice, out, input.others);
+        drop(still);
+        self.correct(
+            input.correction,
+            samples,
+            input.weight,
+            motion,
+            bright,
+            shown,
+        );
+        if let Origin::Denoiser { repeats } = input.origin {
+            let noise = mix::SampleNoise {
+                repeats,
+                jittered: frame.jitter.is_some(),
+            };
+            self.mix(samples, color, motion, bright, noise, shown);
+        }
         missing
     }
 
@@ -462,8 +488,8 @@ impl Taa {
         let color = (resolved.as_ref()).map_or(frame.color, |(image, _)| image.pixels());
         let rays = camera.filter(|_| motion.tells_depth()).map(Camera::rays);
         let tests = (params.limits).tests(frame.surface, surface, rays);
-        let depth = frame.surface.depth.filter(|_| params.dilate.is_some());
-        used.extend(list_used(&tests, depth.is_some()));
+        let dilates = params.dilate.is_some() && frame.surface.depth.is_some();
+        used.extend(list_used(&tests, dilates));
         let compared = (source.filter(|_| params.choice))
             .map(|source| Noise::compare(noise, source.samples, motion.pixels()));
         let (noise, repeats) = compared.unzip();
@@ -475,33 +501,21 @@ impl Taa {
             report: Some(report),
             confidence: source.and_then(|source| source.confidence),
         };
-        let missing = match source {
-            Some(source) => {
-                let denoised = Denoised {
-                    color: frame.color,
-                    corrects: params.innovation.is_some(),
-                    weight: None,
-                    repeats,
-                    others,
-                };
-                let frame = Frame {
-                    color: source.samples,
-                    ..*frame
-                };
-                (self.stage).show(&frame, camera, motion, denoised, shown)
-            }
-            None => {
-                let still = self.stage.still(frame, camera);
-                let choice = Choice::of(depth.map(Pixels::plane), still.as_ref());
-                let out = PixelsMut::bands(size, 3, shown);
-                let params = params.of(frame);
-                let bright = params.exposure(color);
-                let params = params.exposed(bright);
-                let missing = (self.stage).step(params, color, motion, choice, out, others);
-                (self.stage).correct(params.innovation, frame.color, None, motion, bright, shown);
-                missing
-            }
+        let input = match source {
+            Some(_) => Input::denoised(color, params.innovation.is_some(), repeats, others),
+            None => Input {
+                color,
+                origin: Origin::Samples,
+                correction: params.innovation,
+                weight: None,
+                others,
+            },
         };
+        let sampled = &Frame {
+            color: source.map_or(frame.color, |source| source.samples),
+            ..*frame
+        };
+        let missing = self.stage.show(sampled, camera, motion, input, shown);
         self.state = Some(State {
             camera: frame.camera,
             surface: params.limits.keep(frame.surface),

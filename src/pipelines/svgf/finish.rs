@@ -12,7 +12,7 @@ use crate::kernels::merge::accumulate;
 use crate::kernels::smooth::demodulate::{Texture, Way};
 use crate::pipelines::correction::correct_run;
 use crate::pipelines::frame::{Frame, blacken_missing};
-use crate::pipelines::taa::{Denoised, Others, Stage};
+use crate::pipelines::taa::{Input, Others, Stage};
 use crate::pixels::{Colors, PixelsMut, Row};
 use crate::rows::{self, Kernel, Simd};
 
@@ -64,14 +64,10 @@ pub fn finish(
             ..*now.frame
         };
         let motion = seen.unwrap_or(now.motion.pixels());
-        let denoised = Denoised {
-            color: color.pixels(),
-            corrects: now.params.history.innovation.is_some(),
-            weight: None,
-            repeats: now.repeats,
-            others: Others::by_confidence(confidence),
-        };
-        stage.show(&frame, now.before.as_ref(), motion, denoised, show);
+        let corrects = now.params.history.innovation.is_some();
+        let others = Others::by_confidence(confidence);
+        let input = Input::denoised(color.pixels(), corrects, now.repeats, others);
+        stage.show(&frame, now.before.as_ref(), motion, input, show);
     }
 }
 
