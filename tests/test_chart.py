@@ -195,6 +195,22 @@ def test_measurements_are_stored(recording, tmp_path):
     assert len(starts) == 3
 
 
+@pytest.mark.parametrize("given", ["table", "file"])
+def test_measurements_with_another_mapping_are_not_reused(recording, tmp_path, given):
+    method, starts = counted(BLACK)
+    file = tmp_path / "mapping.toml"
+
+    def mapped(scale):
+        file.write_text(f"[color]\nscale = {scale}\n")
+        mapping = {"color": {"scale": scale}} if given == "table" else file
+        return replace(recording, reading={"mapping": mapping, "view": None})
+
+    found = [measure(mapped(scale), [method], tmp_path, metrics=["psnr"], images=0)[0] for scale in (2, 4, 4)]
+    assert len(starts) == 2
+    assert found[0].values["psnr"] > found[1].values["psnr"]
+    assert found[1] == found[2]
+
+
 def test_an_interrupted_run_goes_on(recording, tmp_path):
     """Finished sequences are not run again; the others leave no partial files."""
     method, starts = counted(SVGF)

@@ -192,12 +192,57 @@ def test_bad_input():
         yester.check_motion([frame, replace(other, motion=None)])
 
 
-def test_missing_values_are_no_evidence():
+@pytest.mark.parametrize("missing", [np.nan, np.inf, 1e30, 3e38])
+def test_missing_values_are_no_evidence(missing):
     frames = [*shifted(lambda x, y: (x, -y))]
     for frame in frames:
-        frame.motion[:20] = np.nan
+        frame.motion[:20] = missing
         frame.albedo[30:40, :50] = np.inf
     assert yester.check_motion(frames).stored == "y up"
+    assert yester.check(frames)[2].stored == "y up"
+
+
+def wall(*, sky=False, size=(32, 48), shift=0.0):
+    """A frame of a wall that fills the image, or of background alone."""
+    height, width = size
+    camera = yester.Camera.from_look_at([shift, 2, 5], [shift, 0, 0], [0, 1, 0], 60, width, height)
+    depth = np.full(size, np.inf if sky else 5.0, np.float32)
+    pixels = np.stack(np.mgrid[:height, :width][::-1], -1) + 0.5
+    position = np.full((*size, 3), np.nan) if sky else camera.unproject(pixels, depth)
+    return yester.Frame(np.ones((*size, 3)), depth=depth, position=position, camera=camera)
+
+
+def test_frames_of_background_alone():
+    """One tells nothing, and the others are judged without it."""
+    cameras, depth, *_ = yester.check([wall(shift=0.5 * i, sky=i == 2) for i in range(4)])
+    assert (cameras.verdict, depth.verdict) == ("right", "right")
+    _, depth, *_ = yester.check([wall(sky=True)] * 3)
+    assert (depth.verdict, depth.stored) == (
+        "unclear",
+        "distance along the camera axis, as expected; too little to compare",
+    )
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 48), (48, 1)])
+def test_images_of_one_row(size):
+    frames = [wall(size=size, shift=0.1 * i) for i in range(4)]
+    frames = [
+        replace(frame, motion=yester.motion_vectors(frame.depth, frame.camera, frames[max(i - 1, 0)].camera))
+        for i, frame in enumerate(frames)
+    ]
+    assert "wrong" not in [finding.verdict for finding in yester.check(frames)]
+
+
+@pytest.mark.parametrize("missing", [np.nan, np.inf, 1e30])
+def test_missing_normals_tell_nothing_about_albedo(missing):
+    frames = slow(0.006)
+    frames = [replace(frame, albedo=0.1 + 0.8 * abs(frame.normal[..., :1]) * [1, 1, 1]) for frame in frames]
+    frames = [replace(frame, color=frame.albedo) for frame in frames]
+    lit = yester.check(frames)[5]
+    assert lit.verdict == "wrong"
+    for frame in frames:
+        frame.normal[:2] = missing
+    assert yester.check(frames)[5].stored == lit.stored
 
 
 def test_command(tmp_path, capsys):

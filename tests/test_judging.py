@@ -36,8 +36,17 @@ def test_gain_of_a_plan(recordings):
     assert (found.scene, found.door) == ("cornell_box", "every buffer")
     assert found.plan.stages
     assert set(found.gains) == set(found.both) == {"psnr", "relmse", "flip"}
-    if not found.plan.options and not found.plan.without:
-        assert all(gain == 0 for gain in (*found.gains.values(), *found.both.values()))
+    assert not found.plan.options
+    assert not found.plan.without
+    assert not any((*found.gains.values(), *found.both.values()))
+
+
+def test_loss_of_a_poor_plan(recordings, monkeypatch):
+    """Without any filter, noise stays: less of it where later frames help."""
+    monkeypatch.setattr(yester, "plan", lambda _: yester.Plan({"iterations": 0, "choice": False}))
+    found = judging.worth(recordings[0])
+    assert found.gains["psnr"] < found.both["psnr"] < -0.5
+    assert all(gain < 0 for gain in (*found.gains.values(), *found.both.values()))
 
 
 def test_plans_through_a_door(recordings):

@@ -388,6 +388,15 @@ def test_mapping(tmp_path, shot):
     assert io.describe(path, mapping=toml).notes["motion"].startswith("as mapped")
 
 
+def test_mapping_of_depth_from_the_near_plane(tmp_path, shot):
+    """Along the axis, too, which needs no camera."""
+    layouts.store(tmp_path / "a.exr", layouts.layers({"RGB": shot.color, "far.A": shot.depth - np.float32(0.25)}), {})
+    mapping = {"depth": {"channels": ["far.A"], "near": 0.25}}
+    np.testing.assert_allclose(io.read_exr(tmp_path / "a.exr", mapping=mapping).depth, shot.depth, rtol=1e-6)
+    notes = io.describe(tmp_path / "a.exr", mapping=mapping).notes
+    assert notes["depth"] == "as mapped; from the near plane: 0.25 added"
+
+
 def test_mapping_of_what_is_recognised(tmp_path, shot):
     layouts.cycles(tmp_path / "a.exr", shot)
     mapping = {"motion": {"scale": [2, 2]}, "albedo": [], "depth": {"miss": "inf"}}
@@ -413,6 +422,13 @@ def test_mapping_of_what_is_recognised(tmp_path, shot):
         ),
         ({"motion": {"channels": ["R", "G"], "scale": [1, 2, 3, 4]}}, "scale: expected a number other than 0, or 3 of"),
         ({"depth": {"channels": ["R"], "near": "here"}}, "near: expected a number"),
+        ({"depth": {"channels": ["R"], "near": True}}, "near: expected a number"),
+        ({"depth": {"channels": ["R"], "near": 10**400}}, "near: expected a number"),
+        ({"motion": {"channels": ["R", "G"], "scale": 10**400}}, "scale: expected a number"),
+        ({"depth": {"unit": "ndc"}}, "depth: expected some of channels, kind, miss, near, scale, got 'unit'"),
+        ({"motion": {"kind": "distance"}}, "motion: expected some of channels, scale, unit, got 'kind'"),
+        ({"color": {"near": 3}}, "color: expected some of channels, scale, got 'near'"),
+        ({"object_normal": {"space": "camera"}}, "object_normal: expected some of channels, scale, got 'space'"),
         ({"depth": {"channels": [3]}}, "depth: expected names of channels"),
         ({"color": []}, "no colour"),
     ],

@@ -2,9 +2,11 @@
 
 import json
 import math
+import shutil
 import threading
 import time
 from dataclasses import dataclass, field
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -294,6 +296,10 @@ def test_every_viewer_has_views_and_exposure_of_its_own(scene, session):
         ({"pose": {"eye": [0, 3, 0], "target": [0, 0, 0]}}, "target: expected a point that is not above"),
         ({"views": ["raw"]}, "views: expected two of raw, "),
         ({"views": ["raw", "nothing"]}, "views: expected two of raw, "),
+        ({"views": [[], "raw"]}, "views: expected two of raw, "),
+        ({"pose": {"eye": [10**400, 0, 1], "target": [0, 0, 0]}}, "pose: expected eye and target"),
+        ({"pose": {"eye": [0, 0, 1], "target": [0, 0, 0]}, "input": math.inf}, "input: expected a whole number"),
+        ({"pipeline": []}, "pipeline: expected one of SVGF, "),
         ({"exposure": 1e9}, "exposure: expected -20 to 20 stops"),
         ({"exposure": "1"}, "exposure: expected -20 to 20 stops"),
         ({"pipeline": "magic"}, "pipeline: expected one of SVGF, "),
@@ -337,6 +343,24 @@ def test_errors_are_told(scene, session):
     screen.until(lambda p: not p.frozen)
 
 
+def test_history_begins_anew_after_an_error(scene, session):
+    """As the motion of the next frame does, which is zero."""
+    screen = Screen(session)
+    for _ in range(3):
+        begun(scene)
+        scene.gate.release()
+    assert screen.until(lambda p: p.number == 2).samples == 3
+    begun(scene)
+    scene.fails = True
+    scene.gate.release()
+    screen.errors(1)
+    scene.fails = False
+    screen.tell(freeze=False)
+    begun(scene)
+    scene.gate.release()
+    assert screen.until(lambda p: p.number == 4).samples == 1
+
+
 def test_recording(scene, session, tmp_path):
     screen = Screen(session)
     begun(scene)
@@ -353,6 +377,23 @@ def test_recording(scene, session, tmp_path):
     assert [frame.color.shape for frame in read_sequence(picture.recorded + "/frames")] == [(12, 16, 3)] * 3
     path = json.loads((tmp_path / picture.recorded / "path.json").read_text())
     assert [shot["pose"]["eye"] for shot in path["shots"]] == [[0, 0, 5]] * 3
+
+
+def test_recording_that_fails_keeps_its_path(scene, session):
+    """As on a disk that is full: the frames are lost, not the rest, and the thread that writes ends."""
+    screen = Screen(session)
+    begun(scene)
+    screen.tell(record=True)
+    session._denoiser.submit(lambda: None).result()
+    shutil.rmtree(session._recorder.folder / "frames")
+    for _ in range(6):
+        scene.gate.release()
+        begun(scene)
+    picture = screen.until(lambda p: p.recorded)
+    assert picture.recording is None
+    assert "No such file or directory" in screen.errors(1)[0]
+    assert len(json.loads(Path(picture.recorded, "path.json").read_text())["shots"]) == 4
+    assert not [thread for thread in threading.enumerate() if thread.name.startswith("yester-record")]
 
 
 def test_recording_cannot_be_written(scene, session, tmp_path):

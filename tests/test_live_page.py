@@ -14,17 +14,22 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from http.client import HTTPConnection
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, TypeVar
 from urllib.parse import urlsplit
 
 import aiohttp
 import numpy as np
 import pytest
+from aiohttp import web
+from aiohttp.test_utils import make_mocked_request
 from PIL import Image
 from playwright.sync_api import Browser, Page, expect
 from yester import cli
 from yester.io import read_sequence
 from yester.live import controls, recording, views
+from yester.live.scene import Shot, World
+from yester.live.server import Server
 from yester.study.rendered.recording import open_recording
 
 pytestmark = pytest.mark.slow
@@ -477,6 +482,47 @@ def test_recording_is_read_by_the_commands(page, folder, tmp_path, capsys):
     assert "used: motion" in capsys.readouterr().err
 
 
+@pytest.fixture
+def world(tmp_path) -> World:
+    (tmp_path / "own.xml").write_text(SCENE)
+    return World(tmp_path / "own.xml", (12, 8))
+
+
+def test_world_after_a_frame_that_failed(world, monkeypatch):
+    def fails(*_):
+        raise RuntimeError("no memory")
+
+    shot = Shot(world.home, world.size)
+    world.render(shot)
+    with monkeypatch.context() as broken:
+        broken.setattr(world._stage, "sample", fails)
+        with pytest.raises(RuntimeError, match="no memory"):
+            world.render(shot)
+    seeds = world.seed
+    frame = world.render(shot)
+    assert (frame.width, frame.height) == world.size
+    assert not frame.motion.any()
+    assert world.seed == seeds + 1
+
+
+def test_references_have_one_number_of_samples(world):
+    recorder = recording.Recorder(world.path.parent, world, world.size)
+    for seed in range(2):
+        shot = Shot(world.home, world.size)
+        recorder.add(world.render(shot), shot, seed)
+    recorder.close()
+    target = recording.references(recorder.folder, 2)
+    (target / "frame_0001.exr").unlink()
+    with pytest.raises(ValueError, match=r"spp: expected 2, as the files in .*references have .*, got 4"):
+        recording.references(recorder.folder, 4)
+    recording.references(recorder.folder, 2)
+    assert len([*target.iterdir()]) == 2
+    for file in target.iterdir():
+        file.unlink()
+    recording.references(recorder.folder, 4)
+    assert len([*target.iterdir()]) == 2
+
+
 def answer(address: str, path: str | None = None, **headers) -> int:
     """The status of a request."""
     parts = urlsplit(address)
@@ -526,6 +572,25 @@ def test_only_the_page_itself_may_connect(address, browser):
     closed = "(url) => new Promise((done) => { new WebSocket(url).onclose = ({ code }) => done(code); })"
     assert page.evaluate(closed, f"ws://127.0.0.1:{port}{parts.path}live") == 1006
     page.close()
+
+
+@pytest.mark.parametrize(("port", "status"), [(80, 200), (8080, 403)])
+def test_hosts_without_a_port(port, status):
+    """As browsers name the server on port 80."""
+    server = Server(None, SimpleNamespace(getsockname=lambda: ("127.0.0.1", port)))
+    headers = {"Host": "localhost", "Origin": "http://localhost"}
+    request = make_mocked_request("GET", "/token/live", headers, match_info={"token": server.token})
+
+    async def asked() -> int:
+        async def found(_: web.Request) -> web.Response:
+            return web.Response()
+
+        try:
+            return (await server._guarded(request, found)).status
+        except web.HTTPForbidden as error:
+            return error.status
+
+    assert ran(asked()) == status
 
 
 def test_odd_messages_do_no_harm(address):

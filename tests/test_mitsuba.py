@@ -765,6 +765,7 @@ SQUEEZED = yester.Camera(np.eye(4)[[0, 1, 3, 2]], 20, 10)
     ("arguments", "complaint"),
     [
         ({"spp": 0}, "spp: expected at least 1, got 0"),
+        ({"seed": -1}, "seed: expected at least 0, got -1"),
         ({"transforms": [{}]}, "transforms: expected one for each of 2 cameras, got 1"),
         ({"transforms": [{}, {"bal": np.eye(4)}]}, r"transforms: expected ids of shapes \(ball, cube, .*got 'bal'"),
         ({"transforms": [{}, {"ball": np.eye(3)}]}, r"transforms\['ball'\]: expected an invertible \(4, 4\) matrix"),

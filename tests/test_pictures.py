@@ -87,8 +87,29 @@ def test_bad_pictures(tmp_path):
             write_animation(tmp_path / f"a{kind}", [])
         with pytest.raises(ValueError, match=r"images: expected shape \(4, 4, 3\) as before, got \(5, 4, 3\)"):
             write_animation(tmp_path / f"a{kind}", [image, np.ones((5, 4, 3))])
-    with pytest.raises(ValueError, match="fps: expected more than 0"):
-        write_animation(tmp_path / "a.webp", [image], fps=0)
+    for kind in (".webp", ".mp4"):
+        for fps in (0, 1e-8, 1e4, np.inf, np.nan):
+            with pytest.raises(ValueError, match=r"fps: expected 0\.001 to 1000, got "):
+                write_animation(tmp_path / f"a{kind}", [image], fps=fps)
+    assert not any(tmp_path.iterdir())
+
+
+def test_slowest_and_fastest_animations(tmp_path):
+    images = [np.zeros((4, 4, 3)), np.ones((4, 4, 3))]
+    for fps, duration in ((0.001, 1_000_000), (1000, 1)):
+        write_animation(tmp_path / "a.webp", images, fps=fps)
+        with Image.open(tmp_path / "a.webp") as film:
+            film.load()
+            assert film.info["duration"] == duration
+        write_animation(tmp_path / "a.mp4", images, fps=fps)
+        assert (tmp_path / "a.mp4").stat().st_size > 0
+
+
+def test_a_size_that_h264_lacks(tmp_path):
+    """The error names the file that was asked for, not the temporary one."""
+    with pytest.raises(OSError, match=r"a\.mp4: cannot be written: .+") as caught:
+        write_animation(tmp_path / "a.mp4", [np.zeros((2, 20_000, 3))])
+    assert ".tmp" not in str(caught.value)
     assert not any(tmp_path.iterdir())
 
 

@@ -375,8 +375,10 @@ def test_moving_things_go_on_with_motion_and_stay_behind_without():
             buffers = {"depth": frame["depth"], **({"motion": frame["motion"]} if told else {})}
             output = pipeline.step(yester.Frame(frame["color"], **buffers, camera=camera))
         errors[told] = np.mean((output.color - color) ** 2)
-        # The tail's history is dropped, and reported as rejected.
-        assert (output.rejection == 2).any() or told
+        # The tail's history is dropped, and reported as rejected; that of the square only without its motion.
+        rejected = output.rejection == 2
+        assert rejected[~square].any()
+        assert rejected[square].any() == (not told)
     assert 4 * errors[True] < errors[False]
 
 

@@ -382,6 +382,21 @@ def test_strain_of_one_that_spreads_to_the_first_frame():
     assert result.values["difference"] == pytest.approx(1)
 
 
+def test_strain_of_one_that_fails_on_ordinary_frames():
+    """Bright ones are no problem."""
+    case = next(case for case in stress.STRAINS if case.name == "radiance × 1000")
+
+    def run(frames):
+        for number, frame in enumerate(frames):
+            if number == 1 and frame.color.max() < 1000:
+                raise RuntimeError("too dark")
+            yield Result(frame.color)
+
+    assert min(frame.color.max() for frame in case.frames()) > 1000
+    [result] = stress.strain(case, [Method("bright", "bright", run)])
+    assert (result.verdict, result.reason) == ("fails", "RuntimeError: too dark")
+
+
 def test_strained_frames():
     named = {case.name: case for case in stress.STRAINS}
     [usual, *_], [long, *_] = named["lengths × 250000"].ordinary(), named["lengths × 250000"].frames()

@@ -44,6 +44,16 @@ def test_other_layouts_are_copied_once():
     assert channels_last(batch, copy=True).ctypes.data != batch.data_ptr()
 
 
+@pytest.mark.parametrize("move", [channels_last, channels_first])
+def test_a_view_of_a_nested_sequence_is_refused(move):
+    """It could only be a copy."""
+    nested = [[[1.0, 2.0]]]
+    with pytest.raises(ValueError, match="copy: expected True or None for a nested sequence, got False"):
+        move(nested, copy=False)
+    np.testing.assert_array_equal(move(nested), move(np.array(nested)))
+    np.testing.assert_array_equal(move(nested, copy=True), move(np.array(nested)))
+
+
 def test_single_channels():
     depth = torch.rand(5, 1, *SIZE)
     moved = channels_last(depth)

@@ -44,6 +44,9 @@ _POOR, _VAIN = 0.6, 0.9
 _PIXEL, _HARDLY = 1.0, 0.05
 #: Less of the image than this must not be lost by warping.
 _INSIDE = 0.75
+#: Buffers of vectors, and the length from which these count as missing.
+_VECTORS = "position", "normal", "motion"
+_FARTHEST = 1e14
 #: Images with more pixels are thinned for the first comparison of hypotheses of motion.
 _PIXELS = 250_000
 #: Slope of albedo over colour from which albedo is called lit. Paint may follow normals, too, but less.
@@ -229,7 +232,16 @@ def _shot(frames: Iterable[Frame]) -> list[Frame]:
         raise ValueError(f"frames: expected at least two, got {len(shot)}")
     if len({frame.shape for frame in shot}) > 1:
         raise ValueError(f"frames: expected one size, got {sorted({frame.shape for frame in shot})}")
-    return shot
+    return [_bounded(frame) for frame in shot]
+
+
+def _bounded(frame: Frame) -> Frame:
+    """NaN for vectors that are infinite, or so long that their squares may overflow."""
+    given = {name: vectors for name, vectors in frame.buffers().items() if name in _VECTORS}
+    bounded: dict[str, Any] = {
+        name: np.where(np.abs(vectors) < _FARTHEST, vectors, np.float32(np.nan)) for name, vectors in given.items()
+    }
+    return replace(frame, **bounded)
 
 
 # Evidence
@@ -573,8 +585,9 @@ def _footprint(position: Floats) -> Floats:
     steps = []
     for axis in (0, 1):
         step = np.linalg.norm(np.diff(position, axis=axis), axis=-1)
-        before = np.pad(step, [(1, 0) if i == axis else (0, 0) for i in range(2)], mode="edge")
-        after = np.pad(step, [(0, 1) if i == axis else (0, 0) for i in range(2)], mode="edge")
+        # Without a neighbour on one side, that of the other counts; in an image of one row, the other axis.
+        before = np.pad(step, [(1, 0) if i == axis else (0, 0) for i in range(2)], constant_values=np.nan)
+        after = np.pad(step, [(0, 1) if i == axis else (0, 0) for i in range(2)], constant_values=np.nan)
         steps.append(np.fmin(before, after))
     return np.asarray(np.fmax(np.fmax(*steps), 1e-6 * np.linalg.norm(position, axis=-1)))
 
@@ -784,8 +797,9 @@ def _depth(shot: list[Frame], channels: Channels) -> tuple[Finding, list[Frame]]
         return Finding("depth", "unchecked", "no depth"), shot
     if any(frame.camera is None or frame.position is None for frame in shot):
         return Finding("depth", "unchecked", "no cameras and positions to compare with"), shot
-    residuals: dict[str, list[NDArray[np.float64]]] = {}
-    remedies: dict[str, str] = {}
+    # The expected convention comes first, even if nothing can be compared.
+    residuals: dict[str, list[NDArray[np.float64]]] = {_Z: []}
+    remedies = {_Z: ""}
     exact = []
     for frame in shot:
         assert frame.camera is not None
@@ -801,8 +815,9 @@ def _depth(shot: list[Frame], channels: Channels) -> tuple[Finding, list[Frame]]
             # A hundredth of the depth is as wrong as anything.
             error = _clipped(np.abs(stored - expected), 0.01 * np.maximum(np.abs(expected), 1e-9))
             residuals.setdefault(name, []).append(_means(error, known))
-    names = [name for name, each in residuals.items() if len(each) == len(shot)]
-    every = np.array([np.concatenate(residuals[name]) for name in names])
+    # Frames that show nothing but background have none.
+    names = [name for name, each in residuals.items() if len(each) == len(residuals[_Z])]
+    every = np.array([np.concatenate([np.empty(0), *residuals[name]]) for name in names])
     finding, chosen = _judged("depth", names, [remedies[name] for name in names], every, ["position"])
     return finding, [replace(f, depth=z) for f, z in zip(shot, exact, strict=True)] if chosen else shot
 
@@ -1044,15 +1059,15 @@ def _lit(frame: Frame) -> Iterator[tuple[float, float]]:
     Within an object, colour follows the normals by its lighting; albedo should not. Means over groups of like normals
     free both from texture and noise. The slope is that of logarithms: 0 for a reflectance, 1 where it is lit alike.
     """
-    ids, normal = np.asarray(frame.ids), np.asarray(frame.normal)
+    ids, normal = np.asarray(frame.ids), np.asarray(frame.normal, np.float64)
     albedo = np.asarray(frame.albedo, np.float64).mean(-1)
     color = np.nan_to_num(np.asarray(frame.color, np.float64).mean(-1), posinf=0)
     color -= 0 if frame.emission is None else np.asarray(frame.emission, np.float64).mean(-1)
     for number in np.unique(ids[ids > 0]):
-        here = (ids == number) & (albedo > 0)
+        here = (ids == number) & (albedo > 0) & np.isfinite(normal).all(-1)
         if here.sum() < 64:
             continue
-        groups = np.round(normal[here] * 2).astype(int) @ np.array([1, 10, 100])
+        groups = np.round(normal[here] * 2) @ np.array([1.0, 10.0, 100.0])
         _, group, count = np.unique(groups, return_inverse=True, return_counts=True)
         sums = [np.bincount(group, weights=image[here]) / count for image in (albedo, color)]
         kept = (count >= 16) & (sums[1] > 0)

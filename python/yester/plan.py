@@ -661,10 +661,8 @@ def _buffers(frame: Frame) -> list[str]:
 
 def _lacking(frame: Frame, names: Sequence[str]) -> Frame:
     """The frame without some of its buffers."""
-    if not names:
-        return frame
-    kept = {name: array for name, array in frame.buffers().items() if name not in names}
-    return Frame(**kept, camera=None if "camera" in names else frame.camera, jitter=frame.jitter)
+    absent: dict[str, Any] = dict.fromkeys(names)
+    return replace(frame, **absent) if absent else frame
 
 
 def _windows(height: int, width: int) -> list[tuple[slice, slice]]:

@@ -6,6 +6,7 @@ import copy
 import inspect
 import warnings
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 from functools import partial
 from itertools import chain
 from operator import index
@@ -176,10 +177,10 @@ def _knowing_next(frames: Iterable[Frame]) -> Iterator[Frame]:
                 warned = True
                 unknown = "frames without motion, and without cameras and depth or position to compute it from"
                 warnings.warn(f"frames: later frames are not used, as there are {unknown}", stacklevel=_outside())
-            yield _with(before, motion_next=motion)
+            yield replace(before, motion_next=motion)
         before = frame
     if before is not None:
-        yield _with(before, motion_next=None)
+        yield replace(before, motion_next=None)
 
 
 def _outside() -> int:
@@ -205,12 +206,6 @@ def _motion_next(frame: Frame, following: Frame) -> NDArray[np.float32] | None:
     return invert_motion(motion, following.depth, still=still)
 
 
-def _with(frame: Frame, **changed: NDArray[np.float32] | None) -> Frame:
-    """The frame with other buffers, or without some."""
-    buffers: dict[str, Any] = {**frame.buffers(), **changed}
-    return Frame(**buffers, camera=frame.camera, jitter=frame.jitter)
-
-
 def _alone(frame: Frame) -> bool:
     """Whether no later frame can help."""
     return frame.motion_next is None
@@ -218,7 +213,7 @@ def _alone(frame: Frame) -> bool:
 
 def _turned(frame: Frame) -> Frame:
     """The frame as one of the reversed sequence."""
-    return _with(frame, motion=frame.motion_next, motion_next=None, replay=None)
+    return replace(frame, motion=frame.motion_next, motion_next=None, replay=None)
 
 
 def _chunks(
@@ -257,7 +252,7 @@ def _backwards(
         else:
             if back is None:
                 back = copy.copy(pipeline)
-                look(back, _turned(_with(following, motion_next=None)), number + 1)
+                look(back, _turned(replace(following, motion_next=None)), number + 1)
             results.append(look(back, _turned(frame), number))
         following = frame
     return results

@@ -50,7 +50,7 @@ def channels_last(images: ArrayLike, *, copy: bool | None = None) -> NDArray[Any
     >>> channels_last(np.zeros((1, 24, 32))).shape
     (24, 32)
     """
-    array = _array(images)
+    array = _array(images, copy)
     if array.ndim < 3:
         raise ValueError(f"images: expected shape (..., C, H, W), got {array.shape}")
     moved = array[..., 0, :, :] if array.shape[-3] == 1 else np.moveaxis(array, -3, -1)
@@ -67,7 +67,8 @@ def channels_first(images: ArrayLike, *, channels: bool = True, copy: bool | Non
     channels : bool, default True
         Whether the last axis is that of channels. If not, an axis of one channel is added.
     copy : bool, optional
-        True: a copy in C order, which networks work on fastest. False or by default: a view.
+        True: a copy in C order, which networks work on fastest. False: a view, never a copy. By default a view, of
+        nested sequences a copy.
 
     Returns
     -------
@@ -87,13 +88,13 @@ def channels_first(images: ArrayLike, *, channels: bool = True, copy: bool | Non
     >>> channels_first(np.zeros((24, 32)), channels=False).shape
     (1, 24, 32)
     """
-    array = _array(images)
+    array = _array(images, copy)
     least = 3 if channels else 2
     if array.ndim < least:
         expected = "(..., H, W, C)" if channels else "(..., H, W)"
         raise ValueError(f"images: expected shape {expected}, got {array.shape}")
     moved = np.moveaxis(array, -1, -3) if channels else array[..., None, :, :]
-    return _ordered(moved, bool(copy) or False)
+    return _ordered(moved, bool(copy))
 
 
 def _ordered(array: NDArray[Any], copy: bool | None) -> NDArray[Any]:
@@ -108,8 +109,10 @@ def shared(value: Any, name: str) -> Any:
     return _read(np.from_dlpack, value, name) if alone else value
 
 
-def _array(images: Any) -> NDArray[Any]:
+def _array(images: Any, copy: bool | None) -> NDArray[Any]:
     """An array that shares its memory with what is given, if that is possible."""
+    if copy is False and isinstance(images, list | tuple):
+        raise ValueError(f"copy: expected True or None for a nested sequence, got {copy}")
     return _read(np.asarray, shared(images, "images"), "images")
 
 

@@ -111,6 +111,8 @@ def _conversions(name: str, found: Found, known: Recognised, *, camera: bool) ->
             told.append(
                 f"{how}: converted along the camera axis" + ("" if form.near else ", but for the near plane's distance")
             )
+    elif name == "depth" and form.near:
+        told.append(f"from the near plane: {form.near:g} added")
     elif name == "depth" and form.space == "either":
         told.append("from positions")
     if name == "depth" and form.miss == "far":
@@ -209,6 +211,8 @@ def _depth(buffers: dict[str, Array], forms: Mapping[str, Form], view: View | No
         depth = view[0].project(position)[1]
     elif view is not None and form.kind == "distance":
         depth = depth * (view[0].rays()[1] @ view[0].forward) + np.float32(form.near)
+    elif form.kind == "z" and form.near:
+        depth = depth + np.float32(form.near)
     return (
         np.where(miss, np.float32(np.inf), depth).astype(np.float32, copy=False)
         if miss.any() or form != Form()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import tomllib
 from collections.abc import Iterable, Mapping
@@ -11,13 +10,23 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, TypeAlias
 
+import numpy as np
+
 from .channels import CANONICAL, VALUES, Form, Found, Recognised
 
+#: Largest number of float32, in which buffers are converted.
+_LARGEST = float(np.finfo(np.float32).max)
 #: What `read_exr` takes: the name of a TOML file, or what is in it.
 Mapped: TypeAlias = str | os.PathLike[str] | Mapping[str, Any]
 
 #: Numbers of components that a buffer may have, if there are several.
 _FEWER = {"motion": 2, "motion_next": 2}
+#: The buffers that have a property; all have the others.
+_OF: dict[str, tuple[str, ...]] = {
+    "unit": ("motion", "motion_next"),
+    "space": ("normal", "position"),
+    **dict.fromkeys(("kind", "near", "miss"), ("depth",)),
+}
 _PROPERTIES = {"channels", *(one.name for one in fields(Form))} - {"cryptomatte"}
 
 
@@ -139,10 +148,10 @@ def apply(mapping: Mapping[str, Mapping[str, Any]], known: Recognised, names: It
 def _entry(entry: Any, buffer: str, where: str) -> dict[str, Any]:
     """The checked properties of a buffer."""
     table = dict(entry) if isinstance(entry, Mapping) else {"channels": entry}
+    known = sorted(name for name in _PROPERTIES if buffer in _OF.get(name, CANONICAL))
     for name, value in table.items():
-        if name not in _PROPERTIES:
-            known = ", ".join(sorted(_PROPERTIES))
-            raise ValueError(f"{where}: expected some of {known}, got {name!r}{_like(name, _PROPERTIES)}")
+        if name not in known:
+            raise ValueError(f"{where}: expected some of {', '.join(known)}, got {name!r}{_like(name, known)}")
         if name in VALUES and value not in VALUES[name]:
             raise ValueError(f"{where}.{name}: expected {' or '.join(VALUES[name])}, got {value!r}")
         if name == "near" and not _finite(value):
@@ -166,7 +175,8 @@ def _entry(entry: Any, buffer: str, where: str) -> dict[str, Any]:
 
 
 def _finite(value: Any) -> bool:
-    return isinstance(value, int | float) and math.isfinite(value)
+    """Whether it is a number that float32 holds."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= _LARGEST
 
 
 def _product(signs: tuple[float, ...], scale: tuple[float, ...]) -> tuple[float, ...]:

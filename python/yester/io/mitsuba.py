@@ -180,6 +180,8 @@ def render_sequence(
     """
     if spp < 1:
         raise ValueError(f"spp: expected at least 1, got {spp}")
+    if seed < 0:
+        raise ValueError(f"seed: expected at least 0, got {seed}")
     for name, wanted in {"gradient": gradient, "next": next}.items():
         if wanted and not buffers:
             raise ValueError(f"{name}: expected False without buffers, got True")

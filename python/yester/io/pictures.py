@@ -21,6 +21,9 @@ __all__ = ["CURVES", "displayed", "write_animation", "write_png"]
 
 Curve = Literal["clip", "reinhard", "aces"]
 
+#: Images a second that both formats hold.
+_SLOWEST, _FASTEST = 0.001, 1000.0
+
 
 def _reinhard(x: NDArray[np.float64]) -> NDArray[np.float64]:
     return x / (1 + x)
@@ -82,7 +85,12 @@ def displayed(image: ArrayLike, *, exposure: float = 0.0, curve: Curve = "clip")
     bounded = np.nan_to_num(linear, nan=0, posinf=1e30, neginf=0).clip(0, 1e30)
     with np.errstate(over="ignore"):
         scaled = bounded * 2.0 ** min(exposure, 1000)
-    return np.asarray(srgb(CURVES[curve](scaled.clip(0, 1e30))) * 255 + 0.5).astype(np.uint8)
+    return encoded(CURVES[curve](scaled.clip(0, 1e30)))
+
+
+def encoded(values: NDArray[np.floating[Any]]) -> NDArray[np.uint8]:
+    """The sRGB bytes of linear values, of any shape; 0 for NaN."""
+    return np.asarray(srgb(np.nan_to_num(values, nan=0)) * 255 + 0.5).astype(np.uint8)
 
 
 def write_png(path: str | os.PathLike[str], image: ArrayLike, *, exposure: float = 0.0, curve: Curve = "clip") -> None:
@@ -134,7 +142,7 @@ def write_animation(
     images : iterable of (H, W, 3) array_like of float
         Linear, of one size. May be a generator; for ``.mp4`` only one is held at a time.
     fps : float, default 24.0
-        Images a second.
+        Images a second, 0.001 to 1000: WebP counts in milliseconds, of which it has 24 bits.
     exposure : float, default 0.0
     curve : {"clip", "reinhard", "aces"}, default "clip"
         As for `displayed`.
@@ -142,7 +150,8 @@ def write_animation(
     Raises
     ------
     ValueError
-        If the name ends otherwise, there are no images, they differ in size, or fps is not above 0; and as `displayed`.
+        If the name ends otherwise, there are no images, they differ in size, or fps is out of range; and as
+        `displayed`.
     OSError
         If the file cannot be written.
     ImportError
@@ -154,11 +163,11 @@ def write_animation(
     column of an odd size is repeated in H.264, which needs even sizes.
     """
     path = Path(path)
-    kinds: dict[str, Callable[..., None]] = {".webp": _webp, ".mp4": _mp4}
-    if path.suffix.lower() not in kinds:
+    kind = path.suffix.lower()
+    if kind not in (".webp", ".mp4"):
         raise ValueError(f"{path}: expected a name that ends in .webp or .mp4")
-    if not fps > 0:
-        raise ValueError(f"fps: expected more than 0, got {fps}")
+    if not _SLOWEST <= fps <= _FASTEST:
+        raise ValueError(f"fps: expected {_SLOWEST:g} to {_FASTEST:g}, got {fps}")
 
     def pictures() -> Iterable[NDArray[np.uint8]]:
         size = None
@@ -173,22 +182,23 @@ def write_animation(
     first = next(made, None)
     if first is None:
         raise ValueError("images: expected at least one, got none")
+    film = chain([first], made)
     with beside(path) as temporary:
-        kinds[path.suffix.lower()](temporary, first, chain([first], made), fps)
+        if kind == ".webp":
+            start, *others = map(_pillow().fromarray, film)
+            form = {"save_all": True, "append_images": others, "duration": 1000 / fps, "loop": 0, "quality": 90}
+            start.save(temporary, "webp", **form)
+        elif reason := _mp4(temporary, first.shape, film, fps):
+            raise OSError(f"{path}: cannot be written: {reason}")
 
 
-def _webp(path: Path, first: NDArray[np.uint8], pictures: Iterable[NDArray[np.uint8]], fps: float) -> None:
-    image = _pillow()
-    start, *others = map(image.fromarray, pictures)
-    start.save(path, "webp", save_all=True, append_images=others, duration=1000 / fps, loop=0, quality=90)
-
-
-def _mp4(path: Path, first: NDArray[np.uint8], pictures: Iterable[NDArray[np.uint8]], fps: float) -> None:
+def _mp4(path: Path, shape: tuple[int, ...], pictures: Iterable[NDArray[np.uint8]], fps: float) -> str:
+    """Write H.264; returns what ffmpeg says if it fails."""
     try:
         import imageio_ffmpeg
     except ImportError as error:
         raise ImportError("H.264 needs imageio-ffmpeg: pip install 'yester[video]'") from error
-    height, width, _ = first.shape
+    height, width, _ = shape
     odd = (0, height % 2), (0, width % 2), (0, 0)
     size = f"{width + width % 2}x{height + height % 2}"
     given = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", size, "-r", f"{fps:g}", "-i", "-"]
@@ -202,10 +212,11 @@ def _mp4(path: Path, first: NDArray[np.uint8], pictures: Iterable[NDArray[np.uin
         with suppress(BrokenPipeError), ffmpeg.stdin as pipe:
             for picture in pictures:
                 pipe.write(np.pad(picture, odd, "edge").tobytes())
-        if ffmpeg.wait():
-            said.seek(0)
-            reason = " ".join(said.read().decode(errors="replace").split())
-            raise OSError(f"{path}: cannot be written: {reason}")
+        if not (failed := ffmpeg.wait()):
+            return ""
+        said.seek(0)
+        words = " ".join(said.read().decode(errors="replace").split())
+        return words.replace(str(path), "the file") or f"ffmpeg has ended with {failed}"
 
 
 def _pillow() -> Any:

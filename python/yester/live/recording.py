@@ -64,21 +64,25 @@ class Recorder:
         self._writing: list[Future[None]] = []
 
     def add(self, frame: Frame, shot: Shot, seed: int) -> None:
-        """Write the next frame; waits while too many are not yet written."""
+        """Write the next frame; waits while too many are not yet written. OSError if an earlier one could not be."""
+        if len(self._writing) >= _WAITING:
+            self._writing.pop(0).result()
         path = self.folder / "frames" / f"frame_{self.count:04}.exr"
         self._path["shots"].append(asdict(shot) | {"seed": seed})
         self.count += 1
-        if len(self._writing) >= _WAITING:
-            self._writing.pop(0).result()
         self._writing.append(self._writer.submit(write_exr, path, frame))
 
     def close(self) -> None:
-        """Wait for the frames, and write the path."""
+        """Wait for the frames, and write the path; then, OSError if a frame could not be written."""
+        self._writer.shutdown()
+        _write(self.folder / "path.json", self._path)
         for future in self._writing:
             future.result()
-        self._writer.shutdown()
-        with beside(self.folder / "path.json") as temporary:
-            temporary.write_text(json.dumps(self._path, indent=1), "utf-8")
+
+
+def _write(file: Path, path: dict[str, Any]) -> None:
+    with beside(file) as temporary:
+        temporary.write_text(json.dumps(path, indent=1), "utf-8")
 
 
 def references(folder: Path, spp: int = 256) -> Path:
@@ -94,14 +98,15 @@ def references(folder: Path, spp: int = 256) -> Path:
     Returns
     -------
     Path
-        ``references`` in the folder, with a file for each of ``frames``. Those that are there stay.
+        ``references`` in the folder, with a file for each of ``frames``. Those that are there stay; the path keeps
+        their number of samples.
 
     Raises
     ------
     OSError
         If the folder has no path, or the scene is gone.
     ValueError
-        If spp is less than 1, or the path is not one.
+        If spp is less than 1 or not that of the references that are there, or the path is not one.
     """
     if spp < 1:
         raise ValueError(f"spp: expected at least 1, got {spp}")
@@ -114,9 +119,14 @@ def references(folder: Path, spp: int = 256) -> Path:
         scene = path["scene"]
     except (KeyError, TypeError, ValueError) as error:
         raise ValueError(f"{file}: expected the path of a recording, got {type(error).__name__}: {error}") from error
-    world = World(scene)
     target = folder / "references"
+    there = target.is_dir() and any(target.iterdir())
+    if there and (before := path.get("reference_spp", spp)) != spp:
+        raise ValueError(f"spp: expected {before}, as the files in {target} have (or none there), got {spp}")
+    world = World(scene)
     target.mkdir(exist_ok=True)
+    if not there:
+        _write(file, path | {"reference_spp": spp})
     for index, shot in enumerate(tqdm(shots, "references", unit="frame", disable=None)):
         to = target / f"frame_{index:04}.exr"
         if not to.exists():

@@ -200,7 +200,10 @@ class World:
         return {} if light else self._off
 
     def render(self, shot: Shot) -> Frame:
-        """Render the next frame of the sequence: one path a pixel. At another size, a new sequence begins."""
+        """Render the next frame of the sequence: one path a pixel.
+
+        A new sequence begins at another size, and after a frame that failed.
+        """
         if self._frames is None or shot.size != self._shape:
             self.close()
             self._film, self._shape = _Film(), shot.size
@@ -208,7 +211,11 @@ class World:
             self._frames = self._stage.frames(self._film, 1, self.seed, True, False, False)  # type: ignore[arg-type]
         self._film.add(self._staged(shot))
         self.seed += 1
-        return next(self._frames)
+        try:
+            return next(self._frames)
+        except BaseException:
+            self.close()  # a generator that has raised yields nothing more
+            raise
 
     def reference(self, shot: Shot, spp: int, seed: int) -> Frame:
         """Render the colour of a shot, with as many paths as it takes; outside of the sequence."""

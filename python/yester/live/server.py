@@ -80,6 +80,8 @@ class Server:
     async def _guarded(self, request: web.Request, handler: Any) -> web.StreamResponse:
         """Refuse requests without the token, by another name of this machine, or from another page."""
         hosts = {f"{name}:{self.port}" for name in (_HOST, "localhost")}
+        if self.port == 80:  # which browsers leave out
+            hosts |= {_HOST, "localhost"}
         token = request.match_info.get("token", "")
         if request.host not in hosts or not hmac.compare_digest(token.encode(), self.token.encode()):
             raise web.HTTPForbidden(text="The address lacks its token: use the one that yester live has printed.\n")

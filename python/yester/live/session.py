@@ -174,10 +174,12 @@ class Session:
     def _set_pose(self, viewer: Viewer, message: Mapping[str, Any]) -> None:
         try:
             eye, target = ([float(x) for x in message["pose"][name]] for name in ("eye", "target"))
-            pose = Pose(tuple(eye), tuple(target), self.world.home.up)
-            number = int(message.get("input", 0))
-        except (KeyError, TypeError) as error:
-            raise ValueError(f"pose: expected eye and target, got {message['pose']!r}") from error
+        except (KeyError, TypeError, OverflowError) as error:
+            raise ValueError(f"pose: expected eye and target, got {message['pose']!r:.80}") from error
+        pose = Pose(tuple(eye), tuple(target), self.world.home.up)
+        number = message.get("input", 0)
+        if not isinstance(number, int):
+            raise ValueError(f"input: expected a whole number, got {number!r}")
         with self._wake:
             viewer.input = number
             self._update(pose=pose)
@@ -200,7 +202,7 @@ class Session:
 
     def _set_views(self, viewer: Viewer, message: Mapping[str, Any]) -> None:
         given = message["views"]
-        if not isinstance(given, list) or len(given) != 2 or not all(one in VIEWS for one in given):
+        if not isinstance(given, list) or len(given) != 2 or not all(one in [*VIEWS] for one in given):
             raise ValueError(f"views: expected two of {', '.join(VIEWS)}, got {given!r}")
         viewer.views = (given[0], given[1])
         self._repaint()
@@ -285,9 +287,10 @@ class Session:
                 if handed is not None:
                     handed.result()
                 handed = self._denoiser.submit(self._denoise, done)
-            except Exception as error:  # is told to those who look; the next change tries again
+            except Exception as error:  # is told to those who look, who may go on
                 with self._wake:
-                    self._frozen = True
+                    # The world's next frame has no motion, and the pipeline may have failed halfway.
+                    self._frozen = self._cut = True
                 self._broadcast({"error": f"{type(error).__name__}: {error}"})
                 handed = None
         self.world.close()
@@ -346,7 +349,7 @@ class Session:
             self._recorder.add(got.frame, got.shot, got.seed)
         except OSError as error:
             self._broadcast({"error": f"recording: {error}"})
-            self._recorder = None
+            self._record(False)
 
     def _choose(self, got: _Rendered) -> None:
         """Make the pipeline that is wanted; forget history at a cut and at another size."""
@@ -387,9 +390,9 @@ class Session:
                 self._broadcast({"error": f"{error.filename}: {error.strerror}"})
         elif self._recorder is not None:
             recorder, self._recorder = self._recorder, None
+            self._recorded = str(recorder.folder)
             try:
                 recorder.close()
-                self._recorded = str(recorder.folder)
             except OSError as error:
                 self._broadcast({"error": f"recording: {error}"})
         with self._wake:

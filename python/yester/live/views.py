@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import Frame, Output, rejection
-from ..metrics import srgb
+from ..io.pictures import encoded
 
 __all__ = ["VIEWS", "Moment", "View", "shown"]
 
@@ -72,7 +72,7 @@ def shown(name: str, moment: Moment, stops: float) -> Bytes:
 def _curve() -> Bytes:
     """The sRGB bytes of all float16 values: black for NaN and negative ones."""
     values = np.arange(1 << 16, dtype=np.uint16).view(np.float16).astype(np.float32)
-    return np.asarray(srgb(np.nan_to_num(values, nan=0)) * 255 + 0.5).astype(np.uint8)
+    return encoded(values)
 
 
 def _screen(color: Floats | None, factor: float) -> Bytes | None:

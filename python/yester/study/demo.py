@@ -18,7 +18,8 @@ from yester import Camera, Frame, denoise
 from yester.io import write_exr
 from yester.io.files import beside
 from yester.io.mitsuba import render_sequence
-from yester.metrics import flip_map, psnr, relmse, srgb
+from yester.io.pictures import displayed, write_animation
+from yester.metrics import flip_map, psnr, relmse
 
 from .rendered.scenes import cornell_box
 
@@ -124,7 +125,7 @@ def run(folder: str | os.PathLike[str], *, frames: int = 24, width: int = 320, h
     sequence = cornell_box(frames, width, height)
     measured = sorted({round(i) for i in np.linspace(0, frames - 1, min(frames, REFERENCES))})
     shots: list[_Shot] = []
-    film: list[NDArray[np.uint8]] = []
+    film: list[NDArray[np.float32]] = []
     rendered = _Timed(render_sequence(sequence.scene, sequence.cameras, spp=1, transforms=sequence.transforms))
     waiting: deque[Frame] = deque()
 
@@ -138,7 +139,7 @@ def run(folder: str | os.PathLike[str], *, frames: int = 24, width: int = 320, h
         noisy, denoised = waiting.popleft(), output.color
         write_exr(folder / "noisy" / f"frame_{i:04}.exr", noisy)
         write_exr(folder / "denoised" / f"frame_{i:04}.exr", Frame(denoised, camera=noisy.camera))
-        film.append(np.hstack([_bytes(noisy.color), _bytes(denoised)]))
+        film.append(np.hstack([noisy.color, denoised]))
         if i in measured:
             shots.append(_Shot(i, sequence.cameras[i], sequence.transforms[i]["cube"], noisy.color, denoised))
 
@@ -170,7 +171,7 @@ def run(folder: str | os.PathLike[str], *, frames: int = 24, width: int = 320, h
             rows.append(_Row(shot, reference, maps, scores[-1]))
 
     _contact_sheet(folder / "contact_sheet.png", rows)
-    _side_by_side(folder / "side_by_side.webp", film)
+    write_animation(folder / "side_by_side.webp", film, fps=12)
     noisy_score, denoised_score = (_mean([pair[i] for pair in scores]) for i in range(2))
     return Report(
         folder,
@@ -210,20 +211,6 @@ def _row(name: str, score: Score) -> str:
 
 def _mean(scores: list[Score]) -> Score:
     return Score(*(float(np.mean([getattr(s, name) for s in scores])) for name in ("psnr", "relmse", "flip")))
-
-
-def _bytes(image: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """Convert to 8-bit sRGB; missing samples are black."""
-    return (srgb(np.nan_to_num(image, posinf=0, neginf=0)) * 255 + 0.5).astype(np.uint8)
-
-
-def _side_by_side(path: Path, film: list[NDArray[np.uint8]]) -> None:
-    """Write noisy (left) and denoised (right) as animated WebP; the 256 colours of a GIF would add noise or bands."""
-    from PIL import Image
-
-    first, *rest = (Image.fromarray(picture) for picture in film)
-    with beside(path) as temporary:
-        first.save(temporary, "WEBP", save_all=True, append_images=rest, duration=83, loop=0, quality=90, method=4)
 
 
 @dataclass(frozen=True)
@@ -268,7 +255,7 @@ def _contact_sheet(path: Path, rows: list[_Row]) -> None:
         text(margin + column * (cell + gap) + cell / 2, head / 2 + 2, title, ha="center", size=11, weight="bold")
     top = head
     for row in rows:
-        images: list[NDArray[Any]] = [_bytes(image) for image in (row.shot.noisy, row.shot.denoised, row.reference)]
+        images: list[NDArray[Any]] = [displayed(image) for image in (row.shot.noisy, row.shot.denoised, row.reference)]
         captions = [*map(str, row.scores), f"frame {row.shot.index}", "0 (black) to 1 (white)", ""]
         boxes = _details(row.shot, width, height)
         for column, image in enumerate([*images, *row.flip]):

@@ -353,7 +353,7 @@ def failures(folder: Path) -> str:
 
 def speed(folder: Path) -> str:
     """Pipelines and their rivals: milliseconds at 1080p with two threads and one; memory."""
-    return _times(folder, lambda row: row["held_mb"] != "" or row["task"] in _pipelines(folder))
+    return _times(folder, lambda row: row["held_mb"] != "" or row["task"] in _pipelines())
 
 
 def pipelines(folder: Path) -> str:
@@ -367,7 +367,7 @@ def pipelines(folder: Path) -> str:
 
 def kernels(folder: Path) -> str:
     """Kernels and their rivals: milliseconds at 1080p with two threads and one."""
-    return _times(folder, lambda row: row["task"] not in _pipelines(folder))
+    return _times(folder, lambda row: row["task"] not in _pipelines())
 
 
 def machine(folder: Path) -> str:
@@ -538,7 +538,7 @@ def _times(folder: Path, wanted: Callable[[Mapping[str, str]], bool]) -> str:
     return _table([head[i] for i in kept], [[line[i] for i in kept] for line in lines])
 
 
-def _pipelines(folder: Path) -> set[str]:
+def _pipelines() -> set[str]:
     from .speed.tasks import TASKS
 
     return {task.name for task in TASKS if task.pipeline}

@@ -19,6 +19,7 @@ from tqdm import tqdm
 from yester import Frame, _core, consistency
 from yester.frame import present
 from yester.io.files import beside
+from yester.io.mapping import load
 from yester.judge import known_motion, surface_tests
 from yester.metrics import METRICS, Metric, Picture, metric
 
@@ -107,7 +108,8 @@ def measure(
 
     Frames with a reference are measured; if there is no reference, frames of the second half, by metrics that need
     none. If the recording has variants, values are means over all of them. Results are cached in the folder and reused
-    for the same methods and files.
+    for the same methods, files and reading of them, and the same compiled core. Changes of the Python code are not
+    noticed: remove the folder after them.
 
     Parameters
     ----------
@@ -354,7 +356,10 @@ def _identity(
     paths = [*recording.frames, *recording.references.values()]
     files = [[str(path.resolve()), path.stat().st_mtime_ns] for path in paths]
     names = {"methods": [method.name for method in methods], "metrics": [metric.key for metric in metrics]}
-    return {**names, "images": images, "files": files, "built": _build()[0]}
+    # Of a mapping in a file, the contents count. JSON turns tuples to lists.
+    reading = recording.reading | {"mapping": load(recording.reading.get("mapping"))}
+    named = json.loads(json.dumps(reading))
+    return {**names, "images": images, "files": files, "reading": named, "built": _build()[0]}
 
 
 def _build() -> tuple[int, int, str]:

@@ -153,7 +153,7 @@ def _forward(sign: float) -> Change:
         for i, frame in enumerate(frames):
             pixels = _pixels(frame)
             now, after = scene(i), scene(min(i + 1, len(frames) - 1))
-            vectors = sign * raycast.motion(raycast.cast(now, pixels), now, after)[..., :2]
+            vectors = sign * raycast.motion(raycast.cast(now, pixels), after)[..., :2]
             result.append(replace(frame, motion=vectors.astype(np.float32)))
         return result
 

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yester import SVGF, Frame
+from yester.judge import tile_sums
 from yester.metrics import METRICS, Picture
 
 from ..rendered.recording import Recording, record
@@ -81,13 +82,7 @@ def chosen(results: Sequence[Image], errors: Sequence[NDArray[np.float64]]) -> I
 def tile_errors(image: Image, reference: Image) -> NDArray[np.float64]:
     """The mean relative squared error of every tile: (⌈H/8⌉, ⌈W/8⌉). Tiles at the border may be smaller."""
     square = np.mean((image - reference) ** 2, -1, dtype=np.float64) / (np.mean(reference, -1) ** 2 + 0.01)
-    rows, columns = (np.arange(0, n, TILE) for n in square.shape)
-
-    def sums(values: NDArray[np.float64]) -> NDArray[np.float64]:
-        whole: NDArray[np.float64] = np.add.reduceat(np.add.reduceat(values, rows, 0), columns, 1)
-        return whole
-
-    return sums(square) / sums(np.ones_like(square))
+    return tile_sums(square, TILE) / tile_sums(np.ones_like(square), TILE)
 
 
 def gains(recording: Recording) -> Iterator[Gain]:

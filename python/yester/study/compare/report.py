@@ -18,7 +18,8 @@ from tqdm import tqdm
 
 from yester import rejection
 from yester.io.files import beside
-from yester.metrics import METRICS, Metric, flip_map, metric, srgb
+from yester.io.pictures import encoded
+from yester.metrics import METRICS, Metric, flip_map, metric
 
 from .methods import Result
 from .points import ALL, Point, pareto
@@ -540,7 +541,7 @@ def _pictures(result: Result, reference: ArrayLike | None = None) -> dict[str, b
         from PIL import Image
     except ImportError as error:
         raise ImportError("images of the report need Pillow: pip install 'yester[study]'") from error
-    images = {"color": _bytes(srgb(result.color))}
+    images = {"color": encoded(result.color)}
     if reference is not None:
         images["error"] = _bytes(flip_map(result.color, reference) / WORST)
     if result.history_length is not None:

@@ -83,7 +83,8 @@ def write_comparison(
         for name, file in zip(sources, matched[index], strict=True):
             color = read_exr(file).color
             if shape not in (None, color.shape):
-                raise ValueError(f"{file}: expected height and width {shape[:2]}, as in {matched[index][0]}")
+                expected = f"expected height and width {shape[:2]} as in {matched[index][0]}"
+                raise ValueError(f"{file}: {expected}, got {color.shape[:2]}")
             shape = color.shape
             bytes_each, packed = _packed(color, half=half)
             views[name].append(len(images))

@@ -405,7 +405,7 @@ def stage(folder: Path, width: int, height: int) -> None:
                 put(_color(turn), rows, hits.color * raycast.noise(rng, (*hits.depth.shape, 1), 1.0))
             for name in ("albedo", "normal", "depth", "ids"):
                 put(f"{prefix}{name}", rows, getattr(hits, name))
-            put(f"{prefix}motion", rows, raycast.motion(hits, scene, other))
+            put(f"{prefix}motion", rows, raycast.motion(hits, other))
             if prefix:
                 put("history", rows, hits.color * raycast.noise(rng, (*hits.depth.shape, 1), 0.2))
     images["traced"] = quarter(Frame(images["color"]), 0).color

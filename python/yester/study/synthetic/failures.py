@@ -206,7 +206,7 @@ def uncovered(scene: Scene, before: Scene) -> Mask:
     """Disoccluded pixels: their surface was hidden in the previous frame, or outside the image."""
     camera = scene.camera
     hits = cast(scene, centres(camera))
-    moved = motion(hits, scene, before)
+    moved = motion(hits, before)
     then = hits.pixels + moved[..., :2]
     inside: Mask = np.all((then >= 0) & (then < [camera.width, camera.height]), axis=-1)
     seen = cast(before, np.where(inside[..., None], then, 0.5))

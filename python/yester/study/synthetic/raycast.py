@@ -395,15 +395,15 @@ def cast(scene: Scene, pixels: ArrayLike) -> Hits:
     )
 
 
-def motion(hits: Hits, scene: Scene, before: Scene) -> Floats:
-    """Motion vectors between two scenes.
+def motion(hits: Hits, before: Scene) -> Floats:
+    """Motion vectors from one scene to another.
 
     Parameters
     ----------
     hits : Hits
-        Hits of `scene`'s camera.
-    scene, before : Scene
-        Of the same things in the same order.
+        In the one scene.
+    before : Scene
+        The other one, of the same things in the same order.
 
     Returns
     -------
@@ -518,7 +518,7 @@ def shoot(
         albedo=hits.albedo,
         normal=hits.normal,
         depth=hits.depth,
-        motion=motion(hits, scene, before or scene),
+        motion=motion(hits, before or scene),
         ids=hits.ids,
         position=hits.position,
         emission=hits.emission,

@@ -248,19 +248,20 @@ def strain(case: Strain, methods: Sequence[Method] = PIPELINES) -> list[Trial]:
     -------
     list of Trial
         With ``lost``, the number of pixels that are not finite, over all frames, and, if there are ordinary frames,
-        ``difference``, the larger one of the first and the last frame.
+        ``difference``, the larger one of the first and the last frame. A method that raises an exception on either
+        fails.
     """
     trials = []
     for method in methods:
-        run = _Run(method)
+        run, ordinary = _Run(method), _Run(method)
         images = [*run.on(case.frames())]
-        usual = [*_Run(method).on(case.ordinary())] if case.ordinary else []
+        usual = [*ordinary.on(case.ordinary())] if case.ordinary else []
         values: dict[str, float] = {"lost": _lost(images)}
         if images and usual:
             values["difference"] = max(
                 _difference(images[at].astype(np.float64) / case.scale, usual[at]) for at in (0, -1)
             )
-        trials.append(_judged("strains", case.name, run, values))
+        trials.append(_judged("strains", case.name, run if run.error else ordinary, values))
     return trials
 
 
