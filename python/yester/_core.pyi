@@ -639,12 +639,12 @@ class SVGF(Pipeline):
     reflections : sequence of float, default (0.2, 0.4, 0.7, 1.2)
         Distances behind the surface, in multiples of its depth, +inf included, at which the history of reflections is
         fetched as well. Where one of these histories predicts the new samples better than the surface's own
-        (`prediction_gain`), it is used instead. The output stage follows the reflection there, too, if the luminance of
-        albedo in 3×3 pixels is within a tenth of the pixel's: texture moves with the surface. Each distance costs time,
-        mostly in tiles of 16 pixels in which a pixel chose it beyond doubt in the previous frame, and in their
-        neighbours; the others try it in two of sixteen frames. Rows are decided in pairs. () turns this off; (0.25,
-        0.5, 1, 2, 4, inf) is finer, for very glossy scenes. Frames with a `hit_distance` use that distance alone. Needs
-        cameras and depth.
+        (`prediction_gain`), it is used instead. The output stage follows the reflection there, too; with albedo, only
+        where its luminance in 3×3 pixels is within a tenth of the pixel's, as texture moves with the surface. Each
+        distance costs time, mostly in tiles of 16 pixels in which a pixel chose it beyond doubt in the previous frame,
+        and in their neighbours; the others try it in two of sixteen frames. Rows are decided in pairs. () turns this
+        off; (0.25, 0.5, 1, 2, 4, inf) is finer, for very glossy scenes. Frames with a `hit_distance` use that distance
+        alone. Needs cameras and depth.
     choice : bool, default True
         Give each tile of 8×8 pixels the number of filter passes, from none to one more than `iterations`, after which
         history best predicted the samples of earlier frames (`choice`); tiles that know nothing do as is best for the
