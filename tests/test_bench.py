@@ -350,7 +350,7 @@ def test_bench(tmp_path):
 
 
 def test_missing_rivals_are_named(tmp_path):
-    arguments = ("bench", *LITTLE, "--simd", "baseline", "--only", "reproject, b", "TAA, 5", "-o", tmp_path)
+    arguments = ("bench", *LITTLE, "--simd", "baseline", "--only", "reproject, b", "TAA, box", "-o", tmp_path)
     result = without("cv2,mitsuba_oidn", *arguments)
     named = [line.split(": ")[1] for line in result.stdout.splitlines() if line.startswith("Not measured")]
     assert named == ["Open Image Denoise", "OpenCV with ximgproc"]
