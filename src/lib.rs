@@ -81,6 +81,7 @@ pub mod kernels;
 mod lanes;
 mod math;
 mod memory;
+mod minima;
 mod pairs;
 pub mod pipelines;
 mod pixels;

@@ -15,22 +15,19 @@
 //! previous motion is unknown. The scatter takes minima, which do not depend on order.
 
 use std::ops::Range;
-use std::sync::atomic::{AtomicU32, Ordering};
 
 use super::footprint::Footprints;
 use super::validate::Tests;
 use crate::image::{Interleaved, Pixels, SEGMENT, segments};
 use crate::math::distance;
+use crate::minima::Minima;
 use crate::pixels::{MotionLanes, PixelsMut};
 use crate::rows::{self, Kernel, Simd};
 
 /// The previous motion, and twice the least difference from it among the pixels that come from there.
 pub fn claims(motion: Pixels, before: Pixels) -> Interleaved {
     let size = motion.size;
-    let least: Vec<_> = (0..size.pixels())
-        .map(|_| AtomicU32::new(f32::INFINITY.to_bits()))
-        .collect();
-    let least = least.as_slice();
+    let least = &Minima::new(size.pixels());
     let claim = Claim {
         motion,
         before,
@@ -46,8 +43,7 @@ pub fn claims(motion: Pixels, before: Pixels) -> Interleaved {
 struct Claim<'a> {
     motion: Pixels<'a>,
     before: Pixels<'a>,
-    /// Bits of f32. Those of numbers from 0 sort as the numbers do.
-    least: &'a [AtomicU32],
+    least: &'a Minima,
 }
 
 impl Kernel for Claim<'_> {
@@ -65,7 +61,7 @@ impl Kernel for Claim<'_> {
                     let [x, y] = [0, 1].map(|channel| self.before.at(at, channel));
                     let difference = distance([motion.x[i], motion.y[i]], [x, y]);
                     if difference.is_finite() {
-                        self.least[at].fetch_min(difference.to_bits(), Ordering::Relaxed);
+                        self.least.lower(at, difference);
                     }
                 }
             }
@@ -75,7 +71,7 @@ impl Kernel for Claim<'_> {
 
 struct Tell<'a> {
     before: Pixels<'a>,
-    least: &'a [AtomicU32],
+    least: &'a Minima,
 }
 
 impl<'a> Kernel for Tell<'a> {
@@ -89,7 +85,7 @@ impl<'a> Kernel for Tell<'a> {
             for i in 0..run.len {
                 let at = run.y * width + run.x + i;
                 let [x, y] = [0, 1].map(|channel| self.before.at(at, channel));
-                let least = f32::from_bits(self.least[at].load(Ordering::Relaxed));
+                let least = self.least.get(at);
                 let claim = if least.is_finite() { least } else { 0.0 };
                 let known = x.is_finite() & y.is_finite();
                 let told_here = if known {

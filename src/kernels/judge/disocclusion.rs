@@ -14,13 +14,14 @@
 //! The scatter takes minima, which do not depend on order, so that threads may scatter concurrently.
 
 use std::ops::Range;
-use std::sync::atomic::{AtomicU32, Ordering};
 
 use crate::error::{Result, from_0_to_1};
 use crate::image::{Pixels, Run, SEGMENT, Size, View, segments};
 use crate::kernels::camera::dilate::{self, Choice, Dilation};
-use crate::kernels::fetch::footprint::MIN_COVERAGE;
-use crate::pixels::{PixelsMut, Row, lanes};
+use crate::kernels::fetch::footprint::{Footprints, MIN_COVERAGE};
+use crate::kernels::fetch::validate::Tests;
+use crate::minima::Minima;
+use crate::pixels::{MotionRun, PixelsMut, Row, lanes};
 use crate::rows::{self, Kernel, Simd};
 
 /// A relative difference of depths; 0.05.
@@ -37,9 +38,7 @@ pub fn disocclusion<'a>(
 ) {
     let size = depth.size;
     let moved = Moved { depth, motion };
-    let nearest: Vec<_> = (0..size.pixels())
-        .map(|_| AtomicU32::new(f32::INFINITY.to_bits()))
-        .collect();
+    let nearest = Minima::new(size.pixels());
     let scatter = Scatter {
         moved: &moved,
         nearest: &nearest,
@@ -58,22 +57,25 @@ struct Moved<'a> {
     motion: Pixels<'a>,
 }
 
-/// Where the pixels of a span were: their previous depth, and the 2×2 pixels at their previous position.
+/// Where the pixels of a run were: their previous depth, and the 2×2 pixels at their previous position.
 struct Before {
     depth: Row,
-    /// Pixel indices.
-    at: [Row<u32>; 4],
-    /// Bilinear weights, 0 outside the image.
-    weight: [Row; 4],
+    footprints: Footprints,
 }
 
 impl Before {
-    fn new() -> Self {
+    fn new(size: Size) -> Self {
         Self {
             depth: [0.0; _],
-            at: [[0; _]; 4],
-            weight: [[0.0; _]; 4],
+            footprints: Footprints::new(size),
         }
+    }
+
+    /// The 2×2 pixels of pixel `i` of the run.
+    #[inline(always)]
+    fn pixels(&self, i: usize) -> [usize; 4] {
+        let (at, [dx, dy]) = (self.footprints.at[i] as usize, self.footprints.steps());
+        [at, at + dx, at + dy, at + dx + dy]
     }
 }
 
@@ -89,45 +91,29 @@ impl<'a> Moved<'a> {
         )
     }
 
-    /// Computes where the pixels of a span were.
+    /// Computes where the pixels of a run were.
     #[inline(always)]
     fn find(&self, dilation: &Dilation, run: Run, before: &mut Before) {
-        let Size { height, width } = self.depth.size;
         let mut moved = [[0.0; SEGMENT]; 3];
         dilation.choose(run, &mut moved);
         dilation.nearest(run, &mut before.depth);
-        let [x, y, z] = &moved;
-        for i in 0..lanes(run) {
-            // The bit patterns of floats sort as the floats do only for numbers from 0 up.
-            before.depth[i] = (before.depth[i] + z[i]).max(0.0);
-            // An unknown change of depth leads outside, too.
-            let x = if z[i].is_finite() { x[i] } else { f32::NAN };
-            let (x, y) = (x + (run.x + i) as f32, y[i] + run.y as f32);
-            let (left, top) = (x.floor(), y.floor());
-            let (fx, fy) = (x - left, y - top);
-            for k in 0..4 {
-                let (dx, dy) = ((k % 2) as f32, (k / 2) as f32);
-                let (column, row) = (left + dx, top + dy);
-                let inside = (column >= 0.0)
-                    & (row >= 0.0)
-                    & (column < width as f32)
-                    & (row < height as f32);
-                let (wx, wy) = (
-                    if dx > 0.0 { fx } else { 1.0 - fx },
-                    if dy > 0.0 { fy } else { 1.0 - fy },
-                );
-                let (column, row) = if inside { (column, row) } else { (0.0, 0.0) };
-                before.at[k][i] = row as u32 * width as u32 + column as u32;
-                before.weight[k][i] = if inside { wx * wy } else { 0.0 };
-            }
+        let [x, y, change] = &moved;
+        for (depth, change) in before.depth.iter_mut().zip(change) {
+            *depth = (*depth + change).max(0.0);
         }
+        let motion = MotionRun {
+            x,
+            y,
+            depth: Some(change),
+        };
+        before.footprints.find(run, motion, false, &Tests::none());
     }
 }
 
 struct Scatter<'m> {
     moved: &'m Moved<'m>,
-    /// The reconstructed depth buffer, as bits of f32.
-    nearest: &'m [AtomicU32],
+    /// The reconstructed depth buffer.
+    nearest: &'m Minima,
 }
 
 impl Kernel for Scatter<'_> {
@@ -136,19 +122,15 @@ impl Kernel for Scatter<'_> {
     #[inline(always)]
     fn rows<S: Simd>(&self, _: S, rows: Range<usize>, (): ()) {
         let mut dilation = self.moved.dilation();
-        let mut before = Before::new();
+        let mut before = Before::new(self.moved.depth.size);
         for y in rows.clone() {
             dilation.roll(y, y == rows.start);
             for run in segments(y, self.moved.depth.size.width) {
                 self.moved.find(&dilation, run, &mut before);
                 for i in 0..run.len {
-                    let depth = before.depth[i].to_bits();
-                    for k in 0..4 {
-                        let nearest = &self.nearest[before.at[k][i] as usize];
-                        // A plain load first: the atomic minimum is slow, and most taps find a nearer depth already.
-                        let nearer = depth < nearest.load(Ordering::Relaxed);
-                        if nearer & (before.weight[k][i] > MIN_COVERAGE) {
-                            nearest.fetch_min(depth, Ordering::Relaxed);
+                    for (k, pixel) in before.pixels(i).into_iter().enumerate() {
+                        if before.footprints.weights[k][i] > MIN_COVERAGE {
+                            self.nearest.lower(pixel, before.depth[i]);
                         }
                     }
                 }
@@ -159,7 +141,7 @@ impl Kernel for Scatter<'_> {
 
 struct Compare<'m, 'a> {
     moved: &'m Moved<'a>,
-    nearest: &'m [AtomicU32],
+    nearest: &'m Minima,
     /// 1 − separation.
     nearer: f32,
 }
@@ -170,28 +152,29 @@ impl<'a> Kernel for Compare<'_, 'a> {
     #[inline(always)]
     fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut out: PixelsMut<'a>) {
         let mut dilation = self.moved.dilation();
-        let mut before = Before::new();
+        let mut before = Before::new(self.moved.depth.size);
         let mut nearest = [[0.0; SEGMENT]; 4];
         let mut disoccluded = [0.0; SEGMENT];
         for y in rows.clone() {
             dilation.roll(y, y == rows.start);
             for run in segments(y, self.moved.depth.size.width) {
                 self.moved.find(&dilation, run, &mut before);
-                for k in 0..4 {
-                    for i in 0..run.len {
-                        let bits = &self.nearest[before.at[k][i] as usize];
-                        nearest[k][i] = f32::from_bits(bits.load(Ordering::Relaxed));
+                for i in 0..run.len {
+                    for (k, pixel) in before.pixels(i).into_iter().enumerate() {
+                        nearest[k][i] = self.nearest.get(pixel);
                     }
                 }
+                let Footprints {
+                    weights, coverage, ..
+                } = &before.footprints;
                 for i in 0..lanes(run) {
-                    let (mut hidden, mut all) = (0.0, 0.0);
+                    let mut hidden = 0.0;
                     for k in 0..4 {
                         let behind = nearest[k][i] < self.nearer * before.depth[i];
-                        hidden += if behind { before.weight[k][i] } else { 0.0 };
-                        all += before.weight[k][i];
+                        hidden += if behind { weights[k][i] } else { 0.0 };
                     }
-                    let share = hidden / all;
-                    disoccluded[i] = if all > 0.0 { share } else { 1.0 };
+                    let share = hidden / coverage[i];
+                    disoccluded[i] = if coverage[i] > 0.0 { share } else { 1.0 };
                 }
                 out.write(run, [&disoccluded[..]]);
             }
