@@ -504,8 +504,6 @@ def _picture(options: argparse.Namespace) -> int:
     targets = [options.output] if film else targets_of(paths, options.output, ".png", *FILMS)
     keep_inputs(targets, paths)
     spare(targets, overwrite=options.overwrite)
-    if film and not options.fps > 0:
-        raise ValueError(f"--fps: expected more than 0, got {options.fps}")
     files: list[Description] = []
     for path in paths if film else ():
         with suppress(OSError, ValueError):  # named when the file is left out
