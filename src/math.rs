@@ -76,7 +76,8 @@ pub fn inverse_tone_map(rgb: Color, exposure: f32, limit: f32) -> Color {
     } else {
         f32::INFINITY
     };
-    let scale = smaller(inverse, limit / larger(mapped, f32::MIN_POSITIVE));
+    // Subnormal numbers count, as the exposure of so dark an image is 1.
+    let scale = smaller(inverse, limit / larger(mapped, f32::from_bits(1)));
     rgb.map(|c| c * scale)
 }
 
@@ -183,6 +184,14 @@ mod tests {
             let back = inverse_tone_map(rgb, exposure, limit);
             prop_assert!(back.iter().all(|c| c.is_finite()), "{back:?}");
             prop_assert!(max_channel(back) <= limit * (1.0 + 1e-6), "{back:?}");
+        }
+    }
+
+    #[test]
+    fn tone_maps_have_inverses_for_the_darkest_colors() {
+        for dark in [0.0, 1e-42, 1e-40, 1e-38, 1e-20] {
+            let color = [dark, 0.5 * dark, 0.0];
+            assert_eq!(inverse_tone_map(tone_map(color, 1.0), 1.0, dark), color);
         }
     }
 
