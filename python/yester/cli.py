@@ -494,7 +494,7 @@ def _picture(options: argparse.Namespace) -> int:
     _need("picture", "OpenEXR", "PIL", "tqdm")
     from tqdm import tqdm
 
-    from .io.pictures import displayed, write_animation, write_png
+    from .io.pictures import check_rate, displayed, write_animation, write_png
 
     paths = _files(options.inputs)
     look = {"exposure": options.exposure, "curve": options.curve}
@@ -504,6 +504,8 @@ def _picture(options: argparse.Namespace) -> int:
     targets = [options.output] if film else targets_of(paths, options.output, ".png", *FILMS)
     keep_inputs(targets, paths)
     spare(targets, overwrite=options.overwrite)
+    if film:
+        check_rate(options.fps)
     files: list[Description] = []
     for path in paths if film else ():
         with suppress(OSError, ValueError):  # named when the file is left out

@@ -122,6 +122,12 @@ def write_png(path: str | os.PathLike[str], image: ArrayLike, *, exposure: float
         picture.save(temporary, "png")
 
 
+def check_rate(fps: float) -> None:
+    """Refuse frames a second that no animation can have."""
+    if not _SLOWEST <= fps <= _FASTEST:
+        raise ValueError(f"fps: expected {_SLOWEST:g} to {_FASTEST:g}, got {fps}")
+
+
 def write_animation(
     path: str | os.PathLike[str],
     images: Iterable[ArrayLike],
@@ -166,8 +172,7 @@ def write_animation(
     kind = path.suffix.lower()
     if kind not in (".webp", ".mp4"):
         raise ValueError(f"{path}: expected a name that ends in .webp or .mp4")
-    if not _SLOWEST <= fps <= _FASTEST:
-        raise ValueError(f"fps: expected {_SLOWEST:g} to {_FASTEST:g}, got {fps}")
+    check_rate(fps)
 
     def pictures() -> Iterable[NDArray[np.uint8]]:
         size = None
