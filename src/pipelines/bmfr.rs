@@ -208,7 +208,7 @@ impl Steps for Bmfr {
 
         let left = Interleaved::of(history.view());
         let mut used = inputs.used;
-        materials.own_only(&mut used);
+        materials.omit_stand_ins(&mut used);
         self.state = Some(State {
             memory: materials.remember(given, left, &params.history, first),
             evidence,

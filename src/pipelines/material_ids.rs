@@ -58,7 +58,7 @@ impl MaterialIds {
     }
 
     /// Leaves ids out of a list of the buffers that take part, if they are not the renderer's.
-    pub fn own_only(&self, used: &mut Vec<&'static str>) {
+    pub fn omit_stand_ins(&self, used: &mut Vec<&'static str>) {
         used.retain(|&name| name != "ids" || self.materials.is_none());
     }
 

@@ -249,7 +249,7 @@ impl Svgf {
         let left = run(now, past, still, task, reports, self.antialias.as_mut());
         let missing = left.missing;
         used.extend(left.used);
-        materials.own_only(&mut used);
+        materials.omit_stand_ins(&mut used);
         let mut memory = materials.remember(given, left.history, &params.history, first);
         memory.reflections = left.reflections;
         self.state = Some(State {

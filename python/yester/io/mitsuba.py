@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import cached_property
 from importlib import import_module
-from typing import Any, Literal, overload
+from typing import Any, Literal, Protocol, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -221,6 +221,16 @@ class Shot:
         return self.camera if isinstance(self.camera, Camera) else None
 
 
+class Shots(Protocol):
+    """The shots of a sequence, in order; more may be added while it is rendered."""
+
+    def __len__(self) -> int: ...
+
+    def __getitem__(self, index: int, /) -> Shot: ...
+
+    def __iter__(self) -> Iterator[Shot]: ...
+
+
 @dataclass(frozen=True)
 class _Parallel:
     """An orthographic camera: from world to [0, 1] with y down, its pose, and the size of the image."""
@@ -286,7 +296,7 @@ class Stage:
 
     def frames(
         self,
-        shots: list[Shot],
+        shots: Shots,
         spp: int,
         seed: int,
         buffers: bool,

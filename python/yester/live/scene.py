@@ -207,8 +207,7 @@ class World:
         if self._frames is None or shot.size != self._shape:
             self.close()
             self._film, self._shape = _Film(), shot.size
-            # Declared for lists; of the shots it takes the next, the one before, and how many there are.
-            self._frames = self._stage.frames(self._film, 1, self.seed, True, False, False)  # type: ignore[arg-type]
+            self._frames = self._stage.frames(self._film, 1, self.seed, True, False, False)
         self._film.add(self._staged(shot))
         self.seed += 1
         try:

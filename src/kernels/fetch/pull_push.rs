@@ -113,16 +113,8 @@ pub fn pull_push<'a>(
         finest,
         push: coarser.as_ref().map(|level| Push::new(level, factor, size)),
     };
-    assert_eq!(
-        filled.len(),
-        size.pixels() * channels,
-        "an output has another size"
-    );
-    assert_eq!(
-        filled_quality.len(),
-        size.pixels(),
-        "an output has another size"
-    );
+    let lengths = [filled.len() / channels, filled_quality.len()];
+    assert_eq!(lengths, [size.pixels(); 2], "an output has another size");
     let band = BAND * size.width;
     let outs = filled
         .chunks_mut(band * channels)
