@@ -111,6 +111,13 @@ def begun(scene):
     return len(scene.shots) - 1
 
 
+def pass_frames(scene, count):
+    """Lets so many frames be rendered, one after the other."""
+    for _ in range(count):
+        begun(scene)
+        scene.gate.release()
+
+
 def test_hello(session):
     screen = Screen(session)
     hello = screen.words[0]["hello"]
@@ -210,9 +217,7 @@ def test_freeze_step_and_cut(scene, session):
     assert len(scene.shots) == 2
     screen.tell(light=True, freeze=False)
     screen.tell(views=["history", "history"])
-    for _ in range(4):
-        begun(scene)
-        scene.gate.release()
+    pass_frames(scene, 4)
     old = screen.until(lambda p: p.number == 5 and p.views == ["history", "history"])
     begun(scene)
     screen.tell(cut=True)
@@ -227,9 +232,7 @@ def test_freeze_step_and_cut(scene, session):
 
 def test_samples_add_up_while_nothing_changes(scene, session):
     screen = Screen(session)
-    for _ in range(5):
-        begun(scene)
-        scene.gate.release()
+    pass_frames(scene, 5)
     assert screen.until(lambda p: p.number == 4).samples == 5
     begun(scene)
     screen.tell(pose={"eye": [1, 0, 5], "target": [0, 0, 0]})
@@ -346,9 +349,7 @@ def test_errors_are_told(scene, session):
 def test_history_begins_anew_after_an_error(scene, session):
     """As the motion of the next frame does, which is zero."""
     screen = Screen(session)
-    for _ in range(3):
-        begun(scene)
-        scene.gate.release()
+    pass_frames(scene, 3)
     assert screen.until(lambda p: p.number == 2).samples == 3
     begun(scene)
     scene.fails = True
