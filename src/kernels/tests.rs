@@ -22,8 +22,32 @@ use super::smooth::{
     atrous, demodulate, fireflies, history_fix, joint_bilateral, lend, morphological, reflectance,
     regress, sharpen, variance,
 };
-use crate::image::{Image, Interleaved, Size, plane_bands};
-use crate::pixels::PixelsMut;
+use crate::image::{Image, Interleaved, Size, plane_bands, segments};
+use crate::pixels::{MotionLanes, PixelsMut};
+
+/// An image each row of which stands for two, with both of them.
+fn doubled(half: &Image, size: Size) -> Image {
+    let mut doubled = Image::new(size, half.view().channels);
+    for (channel, plane) in doubled.data_mut().chunks_mut(size.pixels()).enumerate() {
+        for (y, row) in plane.chunks_mut(size.width).enumerate() {
+            row.copy_from_slice(half.view().row(channel, y / 2));
+        }
+    }
+    doubled
+}
+
+/// The bits of the second image, of so many channels, and of the coverage, everywhere.
+fn fetched(fetch: &reproject::Fetch, channels: usize, motion: &Image) -> Vec<u32> {
+    let Size { height, width } = motion.view().size;
+    let (mut lanes, mut to, mut bits) = (MotionLanes::zeroed(), fetch.scratch(), vec![]);
+    for run in (0..height).flat_map(|y| segments(y, width)) {
+        fetch.run(run, lanes.load(&motion.pixels(), run), &mut to);
+        let values = to.values(1)[..run.len * channels].iter();
+        let coverage = to.coverage[..run.len].iter();
+        bits.extend(values.chain(coverage).map(|value| value.to_bits()));
+    }
+    bits
+}
 
 /// A fraction of the usual number of cases: images have many pixels, and tests are not optimised.
 fn few() -> ProptestConfig {
@@ -327,6 +351,16 @@ proptest! {
         let covered: Vec<_> = covered.flat_map(|(pixel, _)| pixel).copied().collect();
         in_range_of(&covered, &[&history], false)?;
         shares(&coverage)?;
+
+        let channels = draw.of(&[1, 3, 6, 8, 10]);
+        let half = draw.wild_of(Size { height: size.height.div_ceil(2), ..size }, channels);
+        let (half, doubled) = (Interleaved::of(half.view()), Interleaved::of(doubled(&half, size).view()));
+        let [halved, whole] = [
+            reproject::Fetch::new(&[records.pixels()], size, tests(), way).and_halved(half.pixels()),
+            reproject::Fetch::new(&[records.pixels(), doubled.pixels()], size, tests(), way),
+        ]
+        .map(|fetch| fetched(&fetch, channels, &motion));
+        prop_assert_eq!(halved, whole);
 
         let mut mask = vec![0; n];
         let judged = plane_bands(&mut mask, size).zip(plane_bands(&mut coverage, size));

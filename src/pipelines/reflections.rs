@@ -30,7 +30,7 @@ use crate::kernels::fetch::validate::{self, Surface, Tests};
 use crate::kernels::judge::prediction::{Gains, Ids, average, terms};
 use crate::kernels::merge::accumulate::CHANNELS;
 use crate::math::{is_present, luminance};
-use crate::pixels::{MotionLanes, MotionRun, Rolling, Row};
+use crate::pixels::{MotionLanes, MotionRun, PixelsMut, Rolling, Row};
 use crate::rows::{self, BAND, Kernel, Simd};
 use crate::tiles::{Tiles, runs_in};
 
@@ -65,25 +65,40 @@ pub struct Memory {
 
 /// The candidates' record over the frames so far.
 pub struct Scores {
-    /// The average gain of each, then the average standardized gain of each.
-    pub image: Interleaved,
+    /// The average gain of each, then the average standardized gain of each, in the rows in which they are evaluated.
+    image: Interleaved,
     /// The tiles in which the next frame evaluates each.
     evaluated: Vec<Tiles>,
     age: usize,
 }
 
 impl Scores {
+    /// Of an image of this size, before its candidates have been evaluated.
     pub fn new(size: Size, candidates: usize) -> Self {
-        Self::of(Interleaved::new(size, 2 * candidates), candidates, 0)
+        Self::after(0, size, candidates, Interleaved::new)
     }
 
-    fn of(image: Interleaved, candidates: usize, age: usize) -> Self {
+    /// After `age` frames.
+    fn after(
+        age: usize,
+        size: Size,
+        candidates: usize,
+        image: impl FnOnce(Size, usize) -> Interleaved,
+    ) -> Self {
         let tried = |row| age < TRIED || (age + TRIED * row) % PERIOD < TRIED;
         Self {
-            evaluated: vec![Tiles::rows(image.size, tried); candidates],
-            image,
+            image: image(rows_of(size), 2 * candidates),
+            evaluated: vec![Tiles::rows(size, tried); candidates],
             age,
         }
+    }
+}
+
+/// The rows in which candidates are evaluated.
+fn rows_of(size: Size) -> Size {
+    Size {
+        height: size.height.div_ceil(ROWS),
+        ..size
     }
 }
 
@@ -174,11 +189,11 @@ pub fn choose(
     let (size, past) = (color.size, &memory.scores);
     let geometry = frame.geometry()?;
     let sources = Source::all(frame, distances)?;
-    let scores = |image| Scores::of(image, distances.len(), past.age + 1);
-    let channels = 2 * distances.len();
+    let (count, age) = (distances.len(), past.age + 1);
     if !past.evaluated.iter().any(Tiles::any) {
+        let scores = Scores::after(age, size, count, Interleaved::new);
         return Some(Won {
-            scores: scores(Interleaved::new(size, channels)),
+            scores,
             motion: None,
         });
     }
@@ -190,13 +205,13 @@ pub fn choose(
         evaluated: &past.evaluated,
         anywhere: Tiles::any_of(size, &past.evaluated),
         tests: mirrored_tests(frame.surface, before),
-        distances: distances.len(),
+        distances: count,
     };
-    let evaluated = candidates.evaluate(memory, &own, color);
+    let mut scores = Scores::after(age, size, count, Interleaved::blank);
+    let errors = candidates.evaluate(memory, &own, color, &mut scores.image);
     let mut motion = own.motion.part(0..2).to_planes();
-    let mut scores = scores(Interleaved::blank(size, channels));
     candidates.take_winners(
-        evaluated,
+        errors,
         history,
         frame.surface.ids,
         &mut motion,
@@ -257,44 +272,30 @@ struct Candidates<'a> {
     distances: usize,
 }
 
-/// Results of all candidates, in the rows in which they are evaluated.
-struct Evaluated {
-    /// The gain's terms: NaN where nothing was fetched, infinite where a sample or a prediction is missing.
-    errors: Image,
-    /// The average gains and standardized gains so far.
-    scores: [Image; 2],
-}
-
 impl<'a> Candidates<'a> {
-    fn evaluate(&self, memory: &Memory, own: &Own, color: View) -> Evaluated {
-        let size = Size {
-            height: color.size.height.div_ceil(ROWS),
-            ..color.size
-        };
-        let [mut errors, mut gains, mut standardized] =
-            [0; 3].map(|_| Image::blank(size, self.sources.len()));
+    /// Returns the terms of the gains in the rows in which they are evaluated: NaN where nothing was fetched, infinite where a
+    /// sample or a prediction is missing. Writes the scores so far.
+    fn evaluate(&self, memory: &Memory, own: &Own, color: View, scores: &mut Interleaved) -> Image {
+        let size = scores.size;
+        let mut errors = Image::blank(size, self.sources.len());
         let light = memory.light.pixels();
-        let known = [light, memory.scores.image.pixels()];
+        let base = Fetch::new(&[light], color.size, own.tests, own.params);
         let kernel = Evaluate {
             candidates: self,
             motion: own.motion,
-            base: Fetch::new(&known, color.size, own.tests, own.params),
+            base: base.and_halved(memory.scores.image.pixels()),
             fetch: Fetch::new(&[light], color.size, self.tests, FETCH),
             color,
         };
-        let scores = gains.bands().zip(standardized.bands());
-        let outs = errors.bands().zip(scores.map(<[_; 2]>::from));
-        rows::run(&kernel, size.height, outs);
-        Evaluated {
-            errors,
-            scores: [gains, standardized],
-        }
+        let scores = PixelsMut::bands(size, 2 * self.distances, scores.data_mut());
+        rows::run(&kernel, size.height, errors.bands().zip(scores));
+        errors
     }
 
     /// Renews the scores, and writes the winners' history, coverage and motion over the surface's own.
     fn take_winners(
         &self,
-        evaluated: Evaluated,
+        errors: Image,
         history: Pixels,
         ids: Option<Pixels<u32>>,
         motion: &mut Image,
@@ -305,12 +306,12 @@ impl<'a> Candidates<'a> {
         let size = carried.size;
         let kernel = TakeWinners {
             candidates: self,
-            evaluated,
+            errors,
             ids,
             fetch: Fetch::new(&[history], size, self.tests, FETCH),
             size,
         };
-        let band = BAND * size.width * 2 * self.distances;
+        let band = BAND / ROWS * size.width * 2 * self.distances;
         let mut certain = vec![Tiles::new(size); scores.evaluated.len()];
         let mut won: Vec<_> = certain.iter_mut().map(Tiles::bands).collect();
         let outs = carried.bands().zip(plane_bands(coverage, size));
@@ -386,7 +387,7 @@ struct Evaluate<'a> {
 }
 
 impl<'a> Kernel for Evaluate<'a> {
-    type Out = (BandMut<'a>, [BandMut<'a>; 2]);
+    type Out = (BandMut<'a>, PixelsMut<'a>);
 
     #[inline(always)]
     fn rows<S: Simd>(&self, _: S, rows: Range<usize>, (mut errors, mut scores): Self::Out) {
@@ -407,15 +408,7 @@ impl<'a> Kernel for Evaluate<'a> {
                 self.base.run(run, motion, &mut known);
                 take_light(&known, run.len, &mut base);
                 let there = Run { y: row, ..run };
-                let records = &known.values(1)[..run.len * channels];
-                for (which, scores) in scores.iter_mut().enumerate() {
-                    for (k, part) in scores.parts(there).enumerate() {
-                        let channel = which * candidates.distances + k;
-                        for (score, record) in part.iter_mut().zip(records.chunks(channels)) {
-                            *score = record[channel];
-                        }
-                    }
-                }
+                scores.put(there, &known.values(1)[..run.len * channels], channels);
                 self.sample(run, &mut color);
                 (scratch.shown).find(candidates.geometry, candidates.camera, run);
                 for (k, &source) in candidates.sources.iter().enumerate() {
@@ -484,7 +477,7 @@ impl Evaluate<'_> {
 /// Averages the gains, from 0 where a candidate was not evaluated in the last frame, and takes the winners' history.
 struct TakeWinners<'a> {
     candidates: &'a Candidates<'a>,
-    evaluated: Evaluated,
+    errors: Image,
     ids: Option<Pixels<'a, u32>>,
     /// Fetches history along the winners' motion.
     fetch: Fetch<'a>,
@@ -495,7 +488,7 @@ struct Outs<'a> {
     history: BandMut<'a>,
     coverage: BandMut<'a>,
     motion: BandMut<'a>,
-    /// Interleaved.
+    /// Interleaved, in the rows in which candidates are evaluated: those before the frame, where one is evaluated in it.
     scores: &'a mut [f32],
     /// Of each candidate, the tiles in which it won a pixel beyond doubt.
     won: Vec<&'a mut [bool]>,
@@ -512,33 +505,35 @@ impl<'a> Kernel for TakeWinners<'a> {
         let around = candidates.sources.iter();
         let mut around: Vec<Rolling<1>> = around.map(|_| Rolling::new(width, RADIUS)).collect();
         let mut gains = Gains::zeroed();
-        let errors = &self.evaluated.errors;
+        let errors = &self.errors;
         let (mut scratch, mut fetched) = (Scratch::new(), self.fetch.scratch());
         let mut lead = Lead::new(width);
         let tiles = width.div_ceil(Tiles::SIDE);
         let mut any = vec![false; tiles];
         let mut certain = vec![vec![false; tiles]; candidates.sources.len()];
-        // Candidates that are not evaluated have no score.
-        out.scores.fill(0.0);
-        for y in rows.step_by(ROWS) {
+        let record = 2 * candidates.distances;
+        let mut renewed = vec![0.0; width * record];
+        let scores = std::mem::take(&mut out.scores).chunks_mut(width * record);
+        for (y, scores) in rows.step_by(ROWS).zip(scores) {
             let row = y / ROWS;
             let lines = y..(y + ROWS).min(height);
             ids.roll(row, y == top);
             lead.clear();
+            // Candidates that are not evaluated have no score.
+            renewed.fill(0.0);
             for (k, around) in around.iter_mut().enumerate() {
                 around.roll(errors.view().channel(k).into(), row, y == top);
                 let evaluated = &candidates.evaluated[k];
                 for run in segments(y, width).flat_map(|run| evaluated.runs(run)) {
                     let there = Run { y: row, ..run };
                     average(simd, there, errors.size.height, around, &ids, &mut gains);
-                    self.remember(there, k, &mut gains);
+                    let part = run.x * record..(run.x + run.len) * record;
+                    self.remember(k, &scores[part.clone()], &mut renewed[part], &mut gains);
                     let [errors] = around.row(row as isize);
                     lead.take(run, k, &gains, &errors[RADIUS + run.x..][..run.len]);
-                    for y in lines.clone() {
-                        self.keep(Run { y, ..run }, top, k, &gains, out.scores);
-                    }
                 }
             }
+            scores.copy_from_slice(&renewed);
             lead.tally(&mut any, &mut certain);
             for y in lines {
                 for run in segments(y, width).flat_map(|run| runs_in(&any, run)) {
@@ -608,29 +603,22 @@ impl Lead {
 }
 
 impl TakeWinners<'_> {
-    /// Averages a candidate's gains with those of earlier frames.
+    /// Averages a candidate's gains with those of earlier frames, and writes them for the next.
     #[inline(always)]
-    fn remember(&self, there: Run, k: usize, gains: &mut Gains) {
-        let averages = [&mut gains.mean, &mut gains.standardized];
-        for (average, scores) in averages.into_iter().zip(&self.evaluated.scores) {
-            let old = &scores.view().row(k, there.y)[there.x..][..there.len];
-            for (average, old) in average.iter_mut().zip(old) {
-                *average = old + SHARE * (*average - old);
-            }
-        }
-    }
-
-    /// Writes a candidate's gains for the next frame, into the band that begins at row `top`.
-    #[inline(always)]
-    fn keep(&self, run: Run, top: usize, k: usize, gains: &Gains, scores: &mut [f32]) {
+    fn remember(&self, k: usize, old: &[f32], new: &mut [f32], gains: &mut Gains) {
         let distances = self.candidates.distances;
-        let first = ((run.y - top) * self.size.width + run.x) * 2 * distances;
-        let records = scores[first..]
-            .chunks_exact_mut(2 * distances)
-            .take(run.len);
-        for ((record, &gain), &standardized) in records.zip(&gains.mean).zip(&gains.standardized) {
-            record[k] = gain;
-            record[distances + k] = standardized;
+        for (channel, averages) in [
+            (k, &mut gains.mean),
+            (distances + k, &mut gains.standardized),
+        ] {
+            let records = old
+                .chunks_exact(2 * distances)
+                .zip(new.chunks_exact_mut(2 * distances));
+            for (average, (old, new)) in averages.iter_mut().zip(records) {
+                let before = old[channel];
+                *average = before + SHARE * (*average - before);
+                new[channel] = *average;
+            }
         }
     }
 

@@ -54,10 +54,40 @@ impl Params {
 /// A fetch of history: the images, the tests that taps must pass, and the filter.
 pub(crate) struct Fetch<'a> {
     size: Size,
-    /// Views with contiguous channels.
-    history: Vec<Pixels<'a>>,
+    history: Vec<Source<'a>>,
     tests: Tests<'a>,
     params: Params,
+}
+
+/// An image of the history.
+#[derive(Clone, Copy)]
+pub(crate) struct Source<'a> {
+    /// Its channels are contiguous.
+    image: Pixels<'a>,
+    /// The width, if each of its rows stands for two of the frame's.
+    halved: Option<usize>,
+}
+
+impl Source<'_> {
+    /// The pixel of this image that is `rows` rows below pixel `at` of the frame, where a row has `stride` pixels.
+    #[inline(always)]
+    fn below(&self, at: usize, rows: usize, stride: usize) -> usize {
+        match self.halved {
+            None => at + rows * stride,
+            Some(width) => at % width + (at / width + rows * stride / width) / 2 * width,
+        }
+    }
+
+    /// A channel at pixel `at` of the frame.
+    #[inline(always)]
+    fn at(&self, at: usize, channel: usize) -> f32 {
+        self.image.at(self.below(at, 0, 0), channel)
+    }
+
+    #[inline(always)]
+    fn is_finite(&self, at: usize) -> bool {
+        (0..self.image.channels).all(|channel| self.at(at, channel).is_finite())
+    }
 }
 
 /// Line buffers of a fetch, and its results for a run.
@@ -87,13 +117,26 @@ impl Fetched {
 impl<'a> Fetch<'a> {
     /// Interleaved images are fetched pixel by pixel, planar ones plane by plane.
     pub fn new(history: &[Pixels<'a>], size: Size, tests: Tests<'a>, params: Params) -> Self {
-        let history = history.iter().flat_map(|image| image.contiguous());
+        let images = history.iter().flat_map(|image| image.contiguous());
+        let whole = |image| Source {
+            image,
+            halved: None,
+        };
         Self {
             size,
-            history: history.collect(),
+            history: images.map(whole).collect(),
             tests,
             params,
         }
+    }
+
+    /// Fetches an interleaved image, too, each row of which stands for two of the frame's.
+    pub fn and_halved(mut self, image: Pixels<'a>) -> Self {
+        self.history.push(Source {
+            image,
+            halved: Some(self.size.width),
+        });
+        self
     }
 
     /// Scratch for this fetch.
@@ -106,7 +149,7 @@ impl<'a> Fetch<'a> {
             bilinear: [0; SEGMENT],
             done: [0; SEGMENT],
             values: values
-                .map(|image| vec![0.0; SEGMENT * image.channels + WIDEST])
+                .map(|source| vec![0.0; SEGMENT * source.image.channels + WIDEST])
                 .collect(),
             coverage: [0.0; SEGMENT],
             rejection: [0; SEGMENT],
@@ -216,7 +259,7 @@ impl<'a> Fetch<'a> {
         done: &mut [u32],
     ) {
         let done = &mut done[..on.len()];
-        for (image, values) in self.history.iter().zip(values) {
+        for (source, values) in self.history.iter().zip(values) {
             for Span { part, contiguous } in spans.iter() {
                 let all = on[part.clone()].iter().fold(1, |all, on| all & on) == 1;
                 let any = on[part.clone()].iter().fold(0, |any, on| any | on) == 1;
@@ -224,17 +267,18 @@ impl<'a> Fetch<'a> {
                     continue;
                 }
                 let taps = Taken {
-                    image: *image,
+                    source: *source,
                     at,
                     steps,
                     part,
                 };
-                match image.channels {
-                    1 if contiguous && all => taps.row::<_, 1>(average, values, done),
-                    2 if contiguous && all => taps.row::<_, 2>(average, values, done),
-                    3 if contiguous && all => taps.row::<_, 3>(average, values, done),
-                    4 if contiguous && all => taps.row::<_, 4>(average, values, done),
-                    6 if contiguous && all => taps.row::<_, 6>(average, values, done),
+                let fast = contiguous && all && source.halved.is_none();
+                match source.image.channels {
+                    1 if fast => taps.row::<_, 1>(average, values, done),
+                    2 if fast => taps.row::<_, 2>(average, values, done),
+                    3 if fast => taps.row::<_, 3>(average, values, done),
+                    4 if fast => taps.row::<_, 4>(average, values, done),
+                    6 if fast => taps.row::<_, 6>(average, values, done),
                     _ => taps.each(average, on, values, done),
                 }
             }
@@ -244,7 +288,7 @@ impl<'a> Fetch<'a> {
     /// Slow path for pixel `i`: re-tests each tap where the fast result was not finite, and falls back to the 3×3 window.
     #[inline(always)]
     fn repair(&self, i: usize, to: &mut Fetched) {
-        let usable = |at: usize| self.history.iter().all(|image| is_finite(image, at));
+        let usable = |at: usize| self.history.iter().all(|source| source.is_finite(at));
         let (tests, footprints) = (&self.tests, &to.footprints);
         let near = footprints.taps(i, usable);
         to.coverage[i] = near.weight().min(1.0);
@@ -254,8 +298,8 @@ impl<'a> Fetch<'a> {
             let (f, grid) = footprints.grid(i, tests, usable);
             let weights = kernel.weights(f);
             if all_count(kernel, &weights, &grid) {
-                self.write(i, &mut to.values, |image, channel| {
-                    let value = |at: usize| image.at(at, channel);
+                self.write(i, &mut to.values, |source, channel| {
+                    let value = |at: usize| source.at(at, channel);
                     let tap = |column: usize, row: usize| [grid[row][column].map_or(0.0, value)];
                     let mean = match kernel.has_corners() {
                         true => wide_mean::<true, 1>(weights, tap),
@@ -265,7 +309,7 @@ impl<'a> Fetch<'a> {
                     let near = near.as_slice();
                     let near = [0, 1, 2, 3].map(|k| {
                         let &(at, _) = near.get(k).unwrap_or(&near[0]);
-                        [image.at(at, channel)]
+                        [source.at(at, channel)]
                     });
                     let [value] = if self.params.dering {
                         hold(mean, near)
@@ -293,19 +337,20 @@ impl<'a> Fetch<'a> {
     fn write_mean<const N: usize>(&self, i: usize, taps: &Taps<N>, values: &mut [Vec<f32>]) {
         let weight = taps.weight();
         let scale = if weight > 0.0 { 1.0 / weight } else { 0.0 };
-        self.write(i, values, |image, channel| {
+        self.write(i, values, |source, channel| {
             let taps = taps.as_slice().iter();
             taps.fold(0.0, |sum, &(at, weight)| {
-                (weight * scale).mul_add(image.at(at, channel), sum)
+                (weight * scale).mul_add(source.at(at, channel), sum)
             })
         });
     }
 
-    fn write(&self, i: usize, values: &mut [Vec<f32>], value: impl Fn(&Pixels, usize) -> f32) {
-        for (image, values) in self.history.iter().zip(values) {
-            let record = &mut values[i * image.channels..][..image.channels];
+    fn write(&self, i: usize, values: &mut [Vec<f32>], value: impl Fn(&Source, usize) -> f32) {
+        for (source, values) in self.history.iter().zip(values) {
+            let channels = source.image.channels;
+            let record = &mut values[i * channels..][..channels];
             for (channel, to) in record.iter_mut().enumerate() {
-                *to = value(image, channel);
+                *to = value(source, channel);
             }
         }
     }
@@ -325,11 +370,6 @@ impl Outlined for FetchRun<'_, '_> {
     fn call(self) {
         self.fetch.take(self.run, self.motion, self.to);
     }
-}
-
-#[inline(always)]
-fn is_finite(image: &Pixels, at: usize) -> bool {
-    (0..image.channels).all(|channel| image.at(at, channel).is_finite())
 }
 
 /// True if every tap with a weight lies inside.
@@ -374,7 +414,7 @@ impl<'a> Kernel for Reproject<'a> {
             let motion = lanes.load(&self.motion, run);
             self.fetch.run(run, motion, &mut fetched);
             for (part, out) in values.iter_mut().enumerate() {
-                let channels = self.fetch.history[part].channels;
+                let channels = self.fetch.history[part].image.channels;
                 out.put(run, &fetched.values(part)[..run.len * channels], channels);
             }
             coverage.put(run, &fetched.coverage);
@@ -418,9 +458,9 @@ pub fn reproject(
         motion,
         tiles: None,
     };
-    let images = kernel.fetch.history.iter();
-    let mut values: Vec<_> = images
-        .map(|image| Image::blank(size, image.channels))
+    let sources = kernel.fetch.history.iter();
+    let mut values: Vec<_> = sources
+        .map(|source| Image::blank(size, source.image.channels))
         .collect();
     kernel.run(planar(&mut values), coverage, rejection);
     values

@@ -2,14 +2,14 @@
 
 use std::ops::Range;
 
-use super::WIDEST;
-use crate::image::{Pixels, record};
+use super::{Source, WIDEST};
+use crate::image::record;
 use crate::memory::prefetch;
 use crate::rows::{self, Outlined};
 
 /// The footprints of a span of pixels, in one image of the history.
 pub struct Taken<'a> {
-    pub image: Pixels<'a>,
+    pub source: Source<'a>,
     /// Indices of the upper left taps.
     pub at: &'a [u32],
     /// Strides to the pixel on the right and to the pixel below.
@@ -21,13 +21,16 @@ impl Taken<'_> {
     /// Gathers, pixel by pixel, for those that are `on`; up to [`WIDEST`] channels at once.
     #[inline(always)]
     pub fn each(&self, average: &impl Average, on: &[u32], values: &mut [f32], done: &mut [u32]) {
-        let stride = self.image.channels;
+        let stride = self.source.image.channels;
         // Last channels first: a vector store also overwrites the channels after its own.
         for first in (0..stride).step_by(WIDEST).rev() {
-            let image = self.image.part(first..(first + WIDEST).min(stride));
+            let image = self.source.image.part(first..(first + WIDEST).min(stride));
             let (part, values) = (
                 Self {
-                    image,
+                    source: Source {
+                        image,
+                        ..self.source
+                    },
                     part: self.part.clone(),
                     ..*self
                 },
@@ -52,12 +55,14 @@ impl Taken<'_> {
         values: &mut [f32],
         done: &mut [u32],
     ) {
-        let (data, step) = self.image.elements();
-        let [dx, dy] = self.steps.map(|pixels| pixels * step);
+        let (data, step) = self.source.image.elements();
+        let [dx, dy] = self.steps;
         for i in self.part.clone() {
             if on[i] != 0 {
-                let start = self.at[i] as usize * step;
-                let tap = |column, row| record(data, start + row * dy + column * dx);
+                let at = self.at[i] as usize;
+                let tap = |column, row| {
+                    record(data, (self.source.below(at, row, dy) + column * dx) * step)
+                };
                 let mean: [f32; N] = average.mean(i, tap);
                 done[i] &= u32::from(all_finite(&mean));
                 // The store may reach into the next pixel, which is written afterwards.
@@ -66,7 +71,7 @@ impl Taken<'_> {
                 if due {
                     values[..N].copy_from_slice(&mean);
                 } else {
-                    let count = self.image.channels;
+                    let count = self.source.image.channels;
                     values[..count].copy_from_slice(&mean[..count]);
                 }
             }
@@ -83,7 +88,7 @@ impl Taken<'_> {
     ) {
         let Range { start, end } = self.part;
         let len = end - start;
-        let data = self.image.elements().0;
+        let data = self.source.image.elements().0;
         let [dx, dy] = self.steps;
         let first = self.at[start] as usize;
         let mut taps: [[&[[f32; C]]; 4]; 4] = [[&[]; 4]; 4];
