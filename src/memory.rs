@@ -7,9 +7,9 @@
 //! The scratch is installed per thread for the time of a step, not passed as an argument: kernels allocate their
 //! intermediate images themselves, and are the same functions with a pipeline and without one.
 
-use std::any::Any;
 use std::cell::RefCell;
 use std::fmt::{self, Display};
+use std::marker::PhantomData;
 use std::ops::{Deref, DerefMut};
 
 use bytemuck::Pod;
@@ -20,10 +20,10 @@ thread_local! {
     static CURRENT: RefCell<Option<Scratch>> = const { RefCell::new(None) };
 }
 
-/// Memory that no image uses at the moment, in blocks of elements of any type.
+/// Memory that no image uses at the moment.
 #[derive(Default)]
 pub struct Scratch {
-    free: Vec<Box<dyn Any + Send + Sync>>,
+    free: Vec<Block>,
 }
 
 impl Scratch {
@@ -43,20 +43,14 @@ impl Scratch {
         result
     }
 
-    /// The smallest free block that holds `len` elements. Blocks more than half too large are left for larger images.
-    fn take<T: Value>(&mut self, len: usize) -> Option<Block<T>> {
-        let fits = |block: &Box<dyn Any + Send + Sync>| {
-            let capacity = block.downcast_ref::<Block<T>>()?.len();
-            (len..=len + len / 2)
-                .contains(&capacity)
-                .then_some(capacity)
-        };
+    /// The smallest free block that holds so many bytes. Blocks more than half too large are left for larger images.
+    fn take(&mut self, len: usize) -> Option<Block> {
+        let fits = |block: &Block| (len..=len.saturating_add(len / 2)).contains(&block.len());
         let blocks = self.free.iter().enumerate();
         let (index, _) = blocks
-            .filter_map(|(index, block)| fits(block).map(|capacity| (index, capacity)))
-            .min_by_key(|&(_, capacity)| capacity)?;
-        let block = self.free.swap_remove(index).downcast();
-        Some(*block.expect("of this type, as it fits"))
+            .filter(|(_, block)| fits(block))
+            .min_by_key(|(_, block)| block.len())?;
+        Some(self.free.swap_remove(index))
     }
 }
 
@@ -76,16 +70,6 @@ impl Display for OutOfMemory {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         write!(f, "an image of {} bytes cannot be allocated", self.bytes)
     }
-}
-
-/// A vector of `len` zeros.
-fn zeroed<T: Value>(len: usize) -> Vec<T> {
-    let mut numbers = vec![];
-    if numbers.try_reserve_exact(len).is_err() {
-        OutOfMemory::unwind(len.saturating_mul(size_of::<T>()));
-    }
-    numbers.resize(len, T::default());
-    numbers
 }
 
 /// Prefetches up to `len` elements from `start` on into the second-level cache; the part beyond the slice is left out. The
@@ -109,10 +93,10 @@ pub trait Value: Pod + Default + Send + Sync {}
 
 impl<T: Pod + Default + Send + Sync> Value for T {}
 
-/// An allocation: on the heap, or pages of its own.
+/// An allocation: on the heap, where words align any element, or pages of its own.
 #[derive(Debug)]
-enum Block<T> {
-    Small(Vec<T>),
+enum Block {
+    Small(Vec<u64>),
     Large(MmapMut),
 }
 
@@ -121,16 +105,21 @@ enum Block<T> {
 const HUGE_PAGE: usize = 1 << 21;
 const LARGE: usize = 1 << 22;
 
-impl<T: Value> Block<T> {
-    /// Zeros for `len` elements and an eighth more, so that slightly larger images can reuse the block. Pages that are
-    /// never written to take no memory.
-    fn new(len: usize) -> Self {
-        let wanted = len.saturating_mul(size_of::<T>());
-        let len = len.saturating_add(len / 8);
+impl Block {
+    /// Zeros for so many bytes and an eighth more, so that slightly larger images can reuse the block. Pages that are never
+    /// written to take no memory.
+    fn new(wanted: usize) -> Self {
+        let len = wanted.saturating_add(wanted / 8);
         if wanted < LARGE {
-            return Self::Small(zeroed(len));
+            let len = len.div_ceil(size_of::<u64>());
+            let mut words = vec![];
+            if words.try_reserve_exact(len).is_err() {
+                OutOfMemory::unwind(wanted);
+            }
+            words.resize(len, 0);
+            return Self::Small(words);
         }
-        let Ok(pages) = MmapMut::map_anon(len.saturating_mul(size_of::<T>())) else {
+        let Ok(pages) = MmapMut::map_anon(len) else {
             OutOfMemory::unwind(wanted);
         };
         // Advice only: the system may still use small pages. The last partial page stays small, or most of a huge page
@@ -139,27 +128,32 @@ impl<T: Value> Block<T> {
         let _ = pages.advise_range(memmap2::Advice::HugePage, 0, wanted - wanted % HUGE_PAGE);
         Self::Large(pages)
     }
-}
 
-impl<T: Value> Deref for Block<T> {
-    type Target = [T];
-
-    #[inline]
-    fn deref(&self) -> &[T] {
+    /// Bytes.
+    fn len(&self) -> usize {
         match self {
-            Self::Small(numbers) => numbers,
-            Self::Large(pages) => bytemuck::cast_slice(pages),
+            Self::Small(words) => size_of_val(&**words),
+            Self::Large(pages) => pages.len(),
         }
     }
-}
 
-impl<T: Value> DerefMut for Block<T> {
+    /// The first elements.
     #[inline]
-    fn deref_mut(&mut self) -> &mut [T] {
-        match self {
-            Self::Small(numbers) => numbers,
-            Self::Large(pages) => bytemuck::cast_slice_mut(pages),
-        }
+    fn elements<T: Value>(&self, count: usize) -> &[T] {
+        let bytes = match self {
+            Self::Small(words) => bytemuck::cast_slice(words),
+            Self::Large(pages) => pages,
+        };
+        bytemuck::cast_slice(&bytes[..count * size_of::<T>()])
+    }
+
+    #[inline]
+    fn elements_mut<T: Value>(&mut self, count: usize) -> &mut [T] {
+        let bytes = match self {
+            Self::Small(words) => bytemuck::cast_slice_mut(words),
+            Self::Large(pages) => pages,
+        };
+        bytemuck::cast_slice_mut(&mut bytes[..count * size_of::<T>()])
     }
 }
 
@@ -167,11 +161,12 @@ impl<T: Value> DerefMut for Block<T> {
 #[derive(Debug)]
 pub struct Memory<T: Value> {
     /// `None` only while it is dropped.
-    block: Option<Block<T>>,
+    block: Option<Block>,
     len: usize,
     /// True if it was allocated while a scratch was installed. Only such memory returns to one: foreign memory, such as that
     /// of the caller's images, would pile up there frame by frame.
     returns: bool,
+    element: PhantomData<T>,
 }
 
 impl<T: Value> Memory<T> {
@@ -185,19 +180,21 @@ impl<T: Value> Memory<T> {
     }
 
     fn new(len: usize, clear: impl FnOnce(&mut [T])) -> Self {
+        let bytes = len.saturating_mul(size_of::<T>());
         CURRENT.with_borrow_mut(|scratch| {
-            let block = scratch.as_mut().and_then(|scratch| scratch.take(len));
+            let block = scratch.as_mut().and_then(|scratch| scratch.take(bytes));
             let block = match block {
                 Some(mut block) => {
-                    clear(&mut block[..len]);
+                    clear(block.elements_mut(len));
                     block
                 }
-                None => Block::new(len),
+                None => Block::new(bytes),
             };
             Self {
                 block: Some(block),
                 len,
                 returns: scratch.is_some(),
+                element: PhantomData,
             }
         })
     }
@@ -222,25 +219,27 @@ impl<T: Value> Deref for Memory<T> {
 
     #[inline]
     fn deref(&self) -> &[T] {
-        &self.block.as_ref().expect("not dropped yet")[..self.len]
+        let block = self.block.as_ref().expect("not dropped yet");
+        block.elements(self.len)
     }
 }
 
 impl<T: Value> DerefMut for Memory<T> {
     #[inline]
     fn deref_mut(&mut self) -> &mut [T] {
-        &mut self.block.as_mut().expect("not dropped yet")[..self.len]
+        let block = self.block.as_mut().expect("not dropped yet");
+        block.elements_mut(self.len)
     }
 }
 
 impl<T: Value> Drop for Memory<T> {
     fn drop(&mut self) {
         if self.returns
-            && let Some(block) = self.block.take().filter(|block| !block.is_empty())
+            && let Some(block) = self.block.take().filter(|block| block.len() > 0)
         {
             CURRENT.with_borrow_mut(|scratch| {
                 if let Some(scratch) = scratch {
-                    scratch.free.push(Box::new(block));
+                    scratch.free.push(block);
                 }
             });
         }
@@ -261,19 +260,22 @@ mod tests {
             place(&memory)
         });
         scratch.install(|| {
-            // Of another type, too small, too large: none of these take it.
-            let others = (
-                Memory::<u32>::zeroed(1000),
-                Memory::<f32>::zeroed(2000),
-                Memory::<f32>::zeroed(500),
-            );
-            assert!(place(&others.1) != first && place(&others.2) != first);
+            // Too small, too large: neither takes it.
+            let others = [2000, 500].map(Memory::<f32>::zeroed);
+            assert!(others.iter().all(|other| place(other) != first));
             let stale = Memory::<f32>::stale(900);
             assert_eq!((place(&stale), stale[899]), (first, 1.0));
             drop(stale);
+            // Of another type.
+            let bytes = Memory::<u8>::stale(4000);
+            assert_eq!(
+                (bytes.as_ptr(), &bytes[..4]),
+                (first.cast(), &1f32.to_ne_bytes()[..])
+            );
+            drop(bytes);
             assert!(Memory::<f32>::zeroed(1000).iter().all(|&v| v == 0.0));
         });
-        assert_eq!(scratch.free.len(), 4);
+        assert_eq!(scratch.free.len(), 3);
     }
 
     #[test]
