@@ -140,6 +140,9 @@ def test_value_semantics(camera):
     assert camera != yester.Camera(camera.world_to_clip, 64, 37)
     assert camera != yester.Camera(2 * camera.world_to_clip, 64, 36)
     assert pickle.loads(pickle.dumps(camera)) == camera
+    assert hash(camera) == hash(same)
+    negative = np.where(camera.world_to_clip == 0, -0.0, camera.world_to_clip)
+    assert {camera: 1}[yester.Camera(negative, 64, 36)] == 1
     with pytest.raises(AttributeError):
         camera.width = 3
     matrix = camera.world_to_clip.copy()

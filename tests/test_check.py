@@ -123,9 +123,21 @@ def test_slow_motion_is_not_wrong(step):
         finding = yester.check_motion(replace(frame, **dict.fromkeys(left_out)) for frame in frames)
         assert (finding.verdict, finding.remedy) == ("unclear", "")
         assert "unrelated: history in place agrees better" in finding.rivals
-    # Wrong motion is not found right.
-    wrong = (replace(frame, motion=frame.motion * np.float32([1, -1, 1])) for frame in frames)
-    assert yester.check_motion(wrong).verdict == "unclear"
+    wrong = [replace(frame, motion=frame.motion * np.float32([1, -1, 1])) for frame in frames]
+    finding = yester.check_motion(wrong)
+    assert (finding.verdict, finding.stored, finding.witnesses) == ("wrong", "y up", ("camera", "position"))
+    np.testing.assert_array_equal(finding.matrix, np.diag([1, -1]))
+    assert yester.check_motion(replace(frame, camera=None) for frame in wrong).verdict == "unclear"
+
+
+def test_frames_that_lack_a_buffer_are_numbered():
+    frames = slow(0.012)
+    frames[2] = replace(frames[2], albedo=None, motion=None)
+    said = {finding.subject: finding.stored for finding in yester.check(frames)}
+    assert said["albedo"] == "no albedo in frame 3 of 4"
+    assert said["motion"] == "no motion vectors in frame 3 of 4"
+    bare = yester.check([replace(frame, ids=None, normal=None) for frame in frames])
+    assert {"no ids", "no normals"} <= {finding.stored for finding in bare}
 
 
 def test_no_relation_must_beat_all_others():

@@ -302,6 +302,39 @@ def test_compressions(tmp_path, compression, kind):
     assert_same_bits(io.read_exr(tmp_path / "a.exr").color, want)
 
 
+@pytest.mark.parametrize("compression", ["dwaa", "dwab"])
+def test_dwa_keeps_no_guides(tmp_path, compression):
+    """It takes every channel named Y for luminance, and luminance and colour for float16."""
+    color = np.full((16, 16, 3), 0.5, np.float32)
+    color[4, 4] = 1e5
+    guided = yester.Frame(color, motion=np.full((16, 16, 2), 1e5, np.float32))
+    with pytest.raises(ValueError, match=rf"^compression: expected one that keeps motion\.Y, got {compression}"):
+        io.write_exr(tmp_path / "a.exr", guided, compression=compression)
+    assert not any(tmp_path.iterdir())
+    io.write_exr(tmp_path / "a.exr", color, compression=compression)
+    got = io.read_exr(tmp_path / "a.exr").color
+    np.testing.assert_allclose(got[4, 4], 65504, rtol=0.02)
+    np.testing.assert_allclose(got[12:, 12:], 0.5, rtol=0.02)
+    # Of a plate, the other channels count as well.
+    io.write_exr(tmp_path / "guided.exr", guided)
+    plate = io.read_plate(tmp_path / "guided.exr")
+    with pytest.raises(ValueError, match=r"expected one that keeps motion\.Y"):
+        io.write_exr(tmp_path / "b.exr", color, compression=compression, like=plate)
+    assert not (tmp_path / "b.exr").exists()
+
+
+@pytest.mark.parametrize("compression", ["pxr24", "dwaa"])
+def test_lossy_compressions_keep_no_cryptomatte(tmp_path, compression):
+    ids = np.full((4, 5), 0x1C6EF372, np.uint32).view(np.float32)
+    planes = {name: np.ones((4, 5), np.float32) for name in "RGB"} | {"CryptoObject00.R": ids}
+    store(tmp_path / "a.exr", {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}, planes)
+    plate = io.read_plate(tmp_path / "a.exr")
+    with pytest.raises(
+        ValueError, match=rf"^compression: expected one that keeps CryptoObject00\.R, got {compression}"
+    ):
+        io.write_exr(tmp_path / "b.exr", plate.frame, compression=compression, like=plate)
+
+
 def multipart(path, *, depth=(20, 30)):
     rng = np.random.default_rng(0)
     layers = {

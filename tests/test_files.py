@@ -342,6 +342,25 @@ def test_every_renderer_is_denoised(tmp_path, name):
     assert error < 0.2 * before
 
 
+def test_two_eyes_in_a_folder(tmp_path, capsys):
+    """Their files take turns in natural order, but are two shots."""
+    names = [f"{number:03}_{eye}" for number in range(1, 4) for eye in "LR"]
+    run("denoise", short(tmp_path / "in", *names), "-o", tmp_path / "out", "--lookahead", "0", "--method", "taa")
+    (line,) = [line for line in capsys.readouterr().err.splitlines() if "not the same shot" in line]
+    assert "001_R.exr: not the same shot as" in line
+    taa = yester.TAA()
+    for number in range(1, 4):
+        want = taa.step(io.read_exr(tmp_path / "in" / f"{number:03}_R.exr")).color
+        np.testing.assert_array_equal(io.read_exr(tmp_path / "out" / f"{number:03}_R.exr").color, want)
+
+
+def test_a_plan_names_the_file_without_albedo(tmp_path, capsys):
+    folder = short(tmp_path / "in", *(f"a{number}" for number in range(1, 7)), albedo=np.ones((12, 16, 3)))
+    io.write_exr(folder / "a5.exr", yester.Frame(noise(12, 16, seed=5).color, **STILL))
+    run("plan", folder, code=2)
+    assert capsys.readouterr().err.endswith(f"{folder / 'a5.exr'}: no albedo, but {folder / 'a1.exr'} has albedo\n")
+
+
 def test_options_of_storage(tmp_path):
     layouts.pbrt(tmp_path / "a.exr", layouts.frame(1))  # in half floats
     for given, kind, compression in (
@@ -360,6 +379,7 @@ def test_bad_options(tmp_path, capsys):
     layouts.arnold(tmp_path / "a.exr", layouts.frame(1))
     for given, complaint in (
         (("--compression", "jpeg"), "--compression: expected one of none, rle"),
+        (("--compression", "dwaa"), "a.exr: --compression: expected one that keeps N.Y"),
         (("--map", "normals=N.X,N.Y,N.Z"), "got 'normals' (perhaps normal)"),
         (("--map", "normal=M.X,M.Y,M.Z"), "normal: no channel 'M.X'"),
         (("--map", "depth.near=far"), "--map depth.near: expected numbers"),

@@ -210,6 +210,9 @@ def test_a_channel_axis_too_many_is_explained():
             yester.Frame(color, depth=wrong)
     with pytest.raises(ValueError, match=r"^history: expected .*moveaxis\(x, 0, -1\)"):
         yester.reproject(np.ones((3, 6, 9), np.float32), np.zeros((6, 9, 2), np.float32))
+    # Blender's vectors to the next frame are no change of depth.
+    with pytest.raises(ValueError, match=r"^motion: expected .*to the previous frame: x\[\.\.\., :2\]"):
+        yester.Frame(color, motion=np.zeros((6, 9, 4), np.float32))
 
 
 @pytest.mark.parametrize("pair", ["depth", "normal", "ids"])

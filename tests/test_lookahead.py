@@ -246,6 +246,17 @@ def test_histories_of_another_shape_are_refused():
         svgf.step(yester.Frame(np.ones((20, 30, 3), np.float32)), later=small)
 
 
+def test_histories_of_other_light_are_refused():
+    """Light is divided by albedo if there is one."""
+    color, albedo = np.full((8, 9, 3), 0.5, np.float32), np.full((8, 9, 3), 0.25, np.float32)
+    bare, textured = yester.Frame(color, depth=color[..., 0]), yester.Frame(color, albedo=albedo)
+    for frame, other, expected in ((textured, bare, "with albedo"), (bare, textured, "without albedo")):
+        svgf, later = yester.SVGF(), yester.SVGF().recall(other)
+        with pytest.raises(ValueError, match=f"^later: expected a history of frames {expected}, as the frame"):
+            svgf.step(frame, later=later)
+        np.testing.assert_allclose(svgf.step(frame, later=yester.SVGF().recall(frame)).color, 0.5, rtol=1e-5)
+
+
 def test_chunks_begin_behind_their_end():
     """With a lookahead of 1, chunks are of five frames, processed from the sixth to the first."""
     given = still(12)

@@ -133,6 +133,11 @@ def test_outputs_of_one_buffer():
     with pytest.raises(ValueError, match=r"^out: expected arrays that share no memory"):
         yester.atrous(color, flat, out=(first, second))
     assert not first.any()
+    both = np.zeros(color.size + 5, np.float32)
+    with pytest.raises(ValueError, match=r"^out: expected arrays that share no memory"):
+        yester.suppress_fireflies(
+            color, out=(both[: color.size].reshape(color.shape), both[5:][: flat.size].reshape(20, 30))
+        )
     output = yester.TAA().step(yester.Frame(color))
     twice = yester.Output(output.color, flat, flat, output.rejection)
     with pytest.raises(ValueError, match=r"^out: expected arrays that share no memory"):

@@ -161,6 +161,9 @@ def test_sizes_and_buffers_may_change_where_nothing_is_remembered():
 def test_wrong_arguments():
     with pytest.raises(ValueError, match=r"^quality: expected one of high, balanced, fast, got best"):
         yester.OIDN("best")
+    for name in ("temporal", "fireflies", "innovation", "choice"):
+        with pytest.raises(TypeError, match=rf"^{name}: expected a bool, got str"):
+            yester.OIDN("fast", **{name: "no"})
     with pytest.raises(TypeError, match=r"^frame: .*ndarray"):
         yester.OIDN("fast").step(np.ones((8, 9, 3)))
     with pytest.raises(TypeError, match=r"^out: expected a yester\.Output, got str"):

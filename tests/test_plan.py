@@ -368,11 +368,16 @@ def test_plans_name_buffers(given, tmp_path):
         yester.Plan(**given)
     with pytest.raises(TypeError, match=r"^plan: expected yester\.Plan, got int"):
         yester.Planned(3)
+    with pytest.raises(TypeError, match=r"^frame: expected a yester\.Frame, got NoneType"):
+        yester.Planned(yester.Plan()).step(None)
+    assert repr(yester.Planned(yester.Plan())).startswith("Planned(Plan(")
 
 
 def test_bad_input(moving):
     with pytest.raises(ValueError, match="count: expected at least 5, got 4"):
         yester.plan(moving, count=4)
+    with pytest.raises(TypeError, match="count: expected an integer, got float"):
+        yester.plan(moving, count=5.5)
     with pytest.raises(TypeError, match=r"frames: expected yester\.Frame, got ndarray at 1"):
         yester.plan([moving[0], moving[1].color])
     with pytest.raises(ValueError, match=r"frames: expected the size \(64, 96\) of the first, got \(32, 48\) at 8"):

@@ -827,6 +827,7 @@ def test_outputs_that_are_refused(inputs, tmp_path):
         ({"sizes": ["quarter"]}, "sizes: expected full, half or both, got quarter"),
         ({"crop": (0, 4)}, "crop: expected at least 1 x 1, got 0 x 4"),
         ({"crops": 0}, "crops: expected at least 1"),
+        ({"crops": 3}, "crops: expected a size in crop beside it, got 3 alone"),
         ({"jobs": 0}, "jobs: expected at least 1"),
         ({"format": "tiff"}, "format: expected zarr or exr, got tiff"),
     ],

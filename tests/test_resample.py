@@ -99,6 +99,15 @@ def test_missing_samples():
     assert not weight.any()
 
 
+@pytest.mark.parametrize("filter", FILTERS)
+def test_samples_that_are_hit_to_the_last_bit(filter):
+    """The distance to the sample before rounds to 1, where the weights of a sinc are 0/0."""
+    for width, size, offset in ((2, 5, 0.1), (64, 80, -0.1), (64, 80, 0.1), (160, 400, -0.3)):
+        got, weight = yester.resample(np.ones((1, width)), (1, size), offset=(offset, 0.0), filter=filter)
+        np.testing.assert_allclose(got, 1, rtol=1e-6)
+        assert np.all(weight > 0)
+
+
 def test_bad_input():
     image = np.ones((4, 5, 3), np.float32)
     for size in ((0, 5), (4, -1), (4, 65537)):

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from yester.io.shots import breaks, natural
+from yester.io.shots import breaks, natural, words
 
 CASES = {
     "one shot": (["a.0008.exr", "a.0009.exr", "a.0010.exr"], {}),
@@ -31,6 +31,7 @@ CASES = {
     "folders": (["1/a.exr", "2/a.exr", "3/a.exr"], {}),
     "no numbers": (["a.exr", "b.exr"], {1: "not the same shot"}),
     "one file": (["a.exr"], {}),
+    "extensions": (["a1.exr", "a2.EXR", "a3.Exr"], {}),
     "none": ([], {}),
 }
 
@@ -45,6 +46,14 @@ def test_breaks(name):
         assert want[index] in about
         assert str(paths[index]) in about
         assert str(paths[index - 1]) in about
+
+
+def test_words_tell_shots_apart():
+    """As of two eyes, whose files take turns in natural order."""
+    names = [f"{number:03}_{eye}.exr" for number in range(1, 4) for eye in "LR"]
+    paths = sorted(map(Path, names), key=lambda path: (words(path), natural(path)))
+    assert [path.name for path in paths] == [*names[::2], *names[1::2]]
+    assert list(breaks(paths)) == [3]
 
 
 def test_natural_order():

@@ -112,8 +112,8 @@ class Camera:
     Notes
     -----
     The pixel of a point is ``((x/w + 1)/2 * width, (1 - y/w)/2 * height)``: x to the right, y down, pixel centres at
-    +0.5. Its depth is the distance along the camera axis, in scene units. Cameras are immutable, compare by value and
-    can be pickled.
+    +0.5. Its depth is the distance along the camera axis, in scene units. Cameras are immutable, compare by matrix
+    and size, can be keys of a dictionary and can be pickled.
 
     Examples
     --------
@@ -319,6 +319,7 @@ class Camera:
         array([-0.25,  0.25])
         """
     def __eq__(self, other: object, /) -> bool: ...
+    def __hash__(self) -> int: ...
     def __ne__(self, other: object, /) -> bool: ...
     def __reduce__(self) -> tuple[type[Camera], tuple[_Doubles, int, int]]: ...
 
@@ -511,7 +512,7 @@ class History:
     motion : (H, W, 2) float32, optional
         As `Output.motion`.
     used : tuple of str, default ()
-        As `Output.used`.
+        As `Output.used`; empty if that is not known.
 
     Raises
     ------
@@ -3652,8 +3653,9 @@ def sharpen(color: ArrayLike, *, strength: float = 0.5, exposure: float = 1.0, o
     Notes
     -----
     Robust contrast-adaptive sharpening, as in AMD's FSR 1 [1]_, on colours ``c / (exposure + max(r, g, b))``: a pixel p
-    with the four neighbours n becomes ``(p + λ Σ n) / (1 + 4λ)``, with `strength` times the strongest λ from -3/16 to 0
-    that keeps the result within 0 to 1.
+    with the four neighbours n becomes ``(p + λ Σ n) / (1 + 4λ)``. λ is `strength` times the strongest from -3/16 to 0 by which
+    a pixel within the range of its neighbours stays within 0 to 1, the weakest channel's:
+    ``max(-min(n) / (4 max(n)), (1 - max(n)) / (4 min(n) - 4))``.
 
     References
     ----------
@@ -3903,6 +3905,7 @@ def atrous(
     - ``el = |l - l'| / (sigma_luminance √(3×3 Gaussian of variance) + |l|/1000)``, l being the luminance of the colour,
       or the prediction. With `history_length`, the root is at most ``relative_noise L / √N``, where N is the number of
       samples, at least 1, and L the 3×3 Gaussian of the luminance of `color`, at least 0, missing pixels being black.
+      Both Gaussians repeat the pixels at the borders.
 
     With `tap_exposure` e, the weights of taps that are brighter before the first pass are also multiplied by
     ``((e + l) / (e + l'))²``, with l at least 0, where both pixels have `settled` samples or more.
@@ -4030,6 +4033,7 @@ def atrous(
     - ``el = |l - l'| / (sigma_luminance √(3×3 Gaussian of variance) + |l|/1000)``, l being the luminance of the colour,
       or the prediction. With `history_length`, the root is at most ``relative_noise L / √N``, where N is the number of
       samples, at least 1, and L the 3×3 Gaussian of the luminance of `color`, at least 0, missing pixels being black.
+      Both Gaussians repeat the pixels at the borders.
 
     With `tap_exposure` e, the weights of taps that are brighter before the first pass are also multiplied by
     ``((e + l) / (e + l'))²``, with l at least 0, where both pixels have `settled` samples or more.

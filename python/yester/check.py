@@ -25,6 +25,7 @@ from ._core import Camera, motion_vectors, reproject
 from .frame import Frame
 from .io.channels import CANONICAL
 from .judge import tile_sums
+from .messages import few
 
 __all__ = ["Finding", "check", "check_motion"]
 
@@ -70,7 +71,7 @@ class Finding:
         ``"right"``: as expected, and all else is excluded. ``"wrong"``: another convention fits clearly better.
         ``"unclear"``: as expected as far as can be told, but others fit as well, or nothing fits. ``"unchecked"``:
         buffers are missing. Motion is right even if that of a neighbouring frame fits as well, as at a steady pace. It
-        is wrong only if the vectors of the other convention differ by a pixel or more.
+        is wrong only if the vectors of the other convention differ by a pixel or more, or cameras tell.
     stored : str
         The convention that the data support, or what is missing.
     remedy : str
@@ -397,8 +398,8 @@ def _hypotheses(width: int, height: int, *, timed: bool, grey: bool) -> Iterator
 
 def _motion(shot: list[Frame], channels: Channels) -> tuple[Finding, list[Frame]]:
     """The finding, and the frames with canonical motion."""
-    if any(frame.motion is None for frame in shot):
-        return Finding("motion", "unchecked", "no motion vectors"), shot
+    if (lacking := _lacking(shot, "motion")) is not None:
+        return Finding("motion", "unchecked", f"no motion vectors{lacking}"), shot
     height, width = shot[0].shape
     stored = [np.asarray(frame.motion)[..., :2] for frame in shot]
     timed = len(shot) > 2
@@ -429,8 +430,10 @@ def _motion(shot: list[Frame], channels: Channels) -> tuple[Finding, list[Frame]
     geometry = next((name for name in ("position", "depth") if _all(shot, name, "camera")), None)
     if finding.verdict == "unclear" and geometry is not None:
         residuals = _beside_cameras(every, bases, shot, stored)
-        second, _ = _judged("motion", names, remedies, residuals, ["camera", geometry], minor=timed_ones)
-        finding = second if second.verdict == "right" else finding
+        second, other = _judged("motion", names, remedies, residuals, ["camera", geometry], minor=timed_ones)
+        # Where objects move, cameras alone may take another convention for the right one, which images exclude.
+        if second.verdict == "right" or (second.verdict == "wrong" and second.stored in finding.rivals):
+            finding, chosen = second, other
     right = every[chosen]
     finding = replace(finding, matrix=right.matrix)
     if not chosen:
@@ -519,6 +522,15 @@ def _guides(shot: list[Frame]) -> list[dict[str, NDArray[np.float32]]]:
     if "position" not in names and "depth" in names and _all(shot, "camera"):
         names.append("camera")
     return [{_WITNESS[name]: make(frame) for name in names or ["color"] for make in [_GUIDES[name]]} for frame in shot]
+
+
+def _lacking(shot: list[Frame], name: str) -> str | None:
+    """Where a buffer is missing, for a message: empty if in all frames. None if it is nowhere missing."""
+    without = [number for number, frame in enumerate(shot, 1) if getattr(frame, name) is None]
+    if not without:
+        return None
+    which = f"frame{'s' if len(without) > 1 else ''} {few(without)} of {len(shot)}"
+    return "" if len(without) == len(shot) else f" in {which}"
 
 
 def _all(shot: list[Frame], *names: str) -> bool:
@@ -793,8 +805,8 @@ _Z, _RAY = "distance along the camera axis", "distance along the ray"
 
 def _depth(shot: list[Frame], channels: Channels) -> tuple[Finding, list[Frame]]:
     """Stored depth beside that of positions."""
-    if any(frame.depth is None for frame in shot):
-        return Finding("depth", "unchecked", "no depth"), shot
+    if (lacking := _lacking(shot, "depth")) is not None:
+        return Finding("depth", "unchecked", f"no depth{lacking}"), shot
     if any(frame.camera is None or frame.position is None for frame in shot):
         return Finding("depth", "unchecked", "no cameras and positions to compare with"), shot
     # The expected convention comes first, even if nothing can be compared.
@@ -968,8 +980,8 @@ _IN_CAMERA: dict[str, Any] = {"space": "camera"}
 
 def _normal(shot: list[Frame], channels: Channels) -> Finding:
     """Normals beside the slopes of positions."""
-    if any(frame.normal is None for frame in shot):
-        return Finding("normal", "unchecked", "no normals")
+    if (lacking := _lacking(shot, "normal")) is not None:
+        return Finding("normal", "unchecked", f"no normals{lacking}")
     if any(frame.camera is None or (frame.position is None and frame.depth is None) for frame in shot):
         return Finding("normal", "unchecked", "no cameras with depth or position to compare with")
     flips = {"z forward": (1, 1, 1), "z backwards": (1, 1, -1), "y down": (1, -1, 1)}
@@ -1029,8 +1041,8 @@ def _slopes(frame: Frame) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
 
 def _albedo(shot: list[Frame]) -> Finding:
     """Reflectance is 0 to 1, and does not follow the light."""
-    if any(frame.albedo is None for frame in shot):
-        return Finding("albedo", "unchecked", "no albedo")
+    if (lacking := _lacking(shot, "albedo")) is not None:
+        return Finding("albedo", "unchecked", f"no albedo{lacking}")
     above = float(np.mean([(np.asarray(frame.albedo) > 1.001).any(-1).mean() for frame in shot]))
     below = float(np.mean([(np.asarray(frame.albedo) < 0).any(-1).mean() for frame in shot]))
     if above > 0.01:
@@ -1086,8 +1098,8 @@ def _lit(frame: Frame) -> Iterator[tuple[float, float]]:
 
 def _ids(shot: list[Frame]) -> Finding:
     """Surfaces keep their ids from frame to frame."""
-    if not _all(shot, "ids"):
-        return Finding("ids", "unchecked", "no ids")
+    if (lacking := _lacking(shot, "ids")) is not None:
+        return Finding("ids", "unchecked", f"no ids{lacking}")
     geometry = _all(shot, "camera") and all(frame.depth is not None or frame.position is not None for frame in shot)
     if not (_all(shot, "motion") or geometry):
         return Finding("ids", "unchecked", "no motion by which to find surfaces in the frame before")

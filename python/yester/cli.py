@@ -38,8 +38,8 @@ from .argtypes import count, extent, whole
 from .batch import Batch, Run
 from .io import Description, describe, headers, mapping, read_exr, read_sequence, sequence_paths
 from .io.ahead import ahead
-from .io.exr import COMPRESSIONS
-from .io.shots import breaks, natural
+from .io.exr import COMPRESSIONS, check_compression
+from .io.shots import breaks, natural, words
 from .messages import told
 from .outputs import FILMS, keep_inputs, spare, targets_of, writable
 from .plan import PLANNED
@@ -89,7 +89,9 @@ def _main(arguments: Sequence[str] | None) -> int:
     try:
         options = _parser().parse_args(arguments)
         with warnings.catch_warnings():
-            warnings.filterwarnings("once", "frames: later frames are not used")
+            # Of one shot, that of motion comes twice: from both directions of time.
+            for about in ("frames: later frames are not used", "motion:"):
+                warnings.filterwarnings("once", about)
             warnings.showwarning = _warned
             status = int(options.run(options) or 0)
             if sys.stdout is not None:
@@ -285,7 +287,7 @@ def _parser() -> argparse.ArgumentParser:
     about = "images of each frame, such as color history validity difference variance denoised demodulated reference"
     about += "; by default, all that the first sequence allows"
     ready.add_argument("--buffers", metavar="NAME", nargs="+", help=about)
-    about = "sizes to write: full, half or both (default: full)"
+    about = "sizes to write: full, half, or full half for both (default: full)"
     ready.add_argument("--sizes", metavar="SIZE", nargs="+", choices=("full", "half"), default=["full"], help=about)
     ready.add_argument("--crop", metavar="WxH", type=extent, help="cut windows of this size from each sequence")
     ready.add_argument("--crops", metavar="N", type=count, default=1, help="windows per sequence; %(default)s")
@@ -415,6 +417,8 @@ def _denoise(options: argparse.Namespace) -> int:
     warnings.filterwarnings("ignore", "frames: later frames are not used")
 
     def look(shots: headers.Shots) -> list[str]:
+        for known in chain(*shots):
+            check_compression(options.compression, headers.layers(known), f"{known.path}: --compression")
         for known in chain(*shots) if options.method == "recirculation" else ():
             if not known.camera or not known.channels.keys() & {"depth", "position"}:
                 raise ValueError(f"{known.path}: expected a camera, and depth or position, for --method recirculation")
@@ -447,6 +451,9 @@ def _plan(options: argparse.Namespace) -> None:
         spare([options.output], overwrite=options.overwrite)
         writable(options.output.parent)
     end, *_ = [*breaks(paths), len(paths)]
+    known = [describe(path, **reading) for path in paths[: min(end, PLANNED)]]
+    for one in known:
+        headers.same_albedo(one, known[0])
     found = _planned(read_sequence(paths[:end], **reading))
     if options.output:
         found.save(options.output)
@@ -586,12 +593,12 @@ def _prepare(options: argparse.Namespace) -> int:
 
 
 def _files(inputs: Iterable[str]) -> list[Path]:
-    """The files of a sequence; those of a folder in natural order, which is not that of a shell's pattern."""
+    """The files of a sequence; those of a folder by shots, in natural order, which is not that of a shell's pattern."""
     paths = sequence_paths(inputs)
     first: dict[str, int] = {}
     for number, path in enumerate(paths):
         first.setdefault(os.path.abspath(path.parent), number)
-    return sorted(paths, key=lambda path: (first[os.path.abspath(path.parent)], natural(path)))
+    return sorted(paths, key=lambda path: (first[os.path.abspath(path.parent)], words(path), natural(path)))
 
 
 def _reading(options: argparse.Namespace) -> dict[str, Any]:

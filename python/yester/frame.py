@@ -22,8 +22,8 @@ class Frame:
     """The noisy colour of one frame and its auxiliary buffers.
 
     Every buffer but `color` is optional. float32 arrays and CPU tensors (of torch, Mitsuba or any library with DLPack)
-    in C order are kept as they are, without a copy; float16, float64 and other strides are converted once. Frames are
-    read-only; ``dataclasses.replace(frame, albedo=None)`` makes another.
+    in C order are kept as they are, without a copy; float16, float64 and other strides are converted once. The
+    attributes are read-only, the arrays are not; ``dataclasses.replace(frame, albedo=None)`` makes another frame.
 
     Parameters
     ----------

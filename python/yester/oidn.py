@@ -51,6 +51,8 @@ class OIDN(Pipeline):
     ------
     ImportError
         If the package mitsuba-oidn is not installed or cannot be loaded.
+    TypeError
+        If one of the others is no bool.
     ValueError
         If the quality is unknown; if `fireflies` is set without `temporal`.
 
@@ -97,7 +99,11 @@ class OIDN(Pipeline):
         innovation: bool = True,
         choice: bool = True,
     ) -> None:
-        super().__init__(quality, temporal=temporal, fireflies=fireflies, innovation=innovation, choice=choice)
+        given = {"temporal": temporal, "fireflies": fireflies, "innovation": innovation, "choice": choice}
+        for name, value in given.items():
+            if not isinstance(value, bool | np.bool_):
+                raise TypeError(f"{name}: expected a bool, got {type(value).__name__}")
+        super().__init__(quality, **given)
         self._network = Network(quality)
         if fireflies and not temporal:
             raise ValueError("fireflies: expected False without temporal, as the network itself removes them, got True")

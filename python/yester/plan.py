@@ -12,6 +12,7 @@ import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import islice, pairwise
+from numbers import Integral
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -286,6 +287,9 @@ class Planned:
         self._svgf = SVGF(**plan.options)
         self._steps = 0
 
+    def __repr__(self) -> str:
+        return f"Planned({self.plan!r})"
+
     def step(self, frame: Frame, out: Output | None = None, *, later: History | None = None) -> Output:
         """Denoise the next frame, as `SVGF.step` does.
 
@@ -356,6 +360,8 @@ class Planned:
 
     def _planned(self, frame: Frame) -> Frame:
         """The frame without the buffers that the plan leaves out."""
+        if not isinstance(frame, Frame):
+            raise TypeError(f"frame: expected a yester.Frame, got {type(frame).__name__}")
         given, planned = _buffers(frame), self.plan.buffers
         # `denoise` takes the motion to the next frame out when it runs backwards, and adds motion that cameras tell.
         absent = [name for name in planned if name not in (*given, "motion_next")] if self._steps == 1 else []
@@ -413,7 +419,7 @@ def plan(frames: Iterable[Frame], *, count: int = PLANNED) -> Plan:
     Raises
     ------
     TypeError
-        If one is no `Frame`.
+        If one is no `Frame`, or `count` is no integer.
     ValueError
         If sizes differ or `count` is below 5.
 
@@ -442,6 +448,8 @@ def plan(frames: Iterable[Frame], *, count: int = PLANNED) -> Plan:
     >>> found.buffers
     ('color', 'depth')
     """
+    if not isinstance(count, Integral):
+        raise TypeError(f"count: expected an integer, got {type(count).__name__}")
     if count < _FEWEST:
         raise ValueError(f"count: expected at least {_FEWEST}, got {count}")
     shape: tuple[int, int] | None = None

@@ -306,6 +306,9 @@ impl Channels {
             [4, h, w] if fits(&[h, w, 3]) => {
                 ": channels come last, without alpha; pass numpy.moveaxis(x[:3], 0, -1)"
             }
+            [h, w, 4] if fits(&[h, w, 2]) => {
+                ": pass two channels, to the previous frame: x[..., :2]"
+            }
             [h, w, 4] if fits(&[h, w, 3]) => ": pass three channels, without alpha: x[..., :3]",
             [h, w, 1] if fits(&[h, w]) => ": pass x[..., 0]",
             [1, h, w] if fits(&[h, w]) => ": pass x[0]",

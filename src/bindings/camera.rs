@@ -1,5 +1,7 @@
 //! `Camera` and the kernels of the camera folder.
 
+use std::hash::{Hash, Hasher};
+
 use glam::{DMat4, DVec2, DVec3};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
@@ -43,8 +45,8 @@ use crate::pixels::PixelsMut;
 /// Notes
 /// -----
 /// The pixel of a point is ``((x/w + 1)/2 * width, (1 - y/w)/2 * height)``: x to the right, y down, pixel centres at
-/// +0.5. Its depth is the distance along the camera axis, in scene units. Cameras are immutable, compare by value and
-/// can be pickled.
+/// +0.5. Its depth is the distance along the camera axis, in scene units. Cameras are immutable, compare by matrix
+/// and size, can be keys of a dictionary and can be pickled.
 ///
 /// Examples
 /// --------
@@ -57,10 +59,26 @@ use crate::pixels::PixelsMut;
 ///        [3., 2.]])
 /// >>> depth
 /// array([5., 5.])
-#[pyclass(frozen, eq, from_py_object, module = "yester")]
+#[pyclass(frozen, eq, hash, from_py_object, module = "yester")]
 #[derive(Clone, PartialEq)]
 pub struct Camera {
     pub inner: pinhole::Camera,
+}
+
+impl Hash for Camera {
+    fn hash<H: Hasher>(&self, state: &mut H) {
+        let pinhole::Camera {
+            world_to_clip,
+            size,
+            ..
+        } = &self.inner;
+        // 0 and -0 are equal.
+        let numbers = world_to_clip
+            .as_flattened()
+            .iter()
+            .map(|number| (number + 0.0).to_bits());
+        (numbers.collect::<Vec<_>>(), size.height, size.width).hash(state);
+    }
 }
 
 #[pymethods]

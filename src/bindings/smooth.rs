@@ -320,6 +320,7 @@ pub fn restore_detail_<'py>(
 /// - ``el = |l - l'| / (sigma_luminance √(3×3 Gaussian of variance) + |l|/1000)``, l being the luminance of the colour,
 ///   or the prediction. With `history_length`, the root is at most ``relative_noise L / √N``, where N is the number of
 ///   samples, at least 1, and L the 3×3 Gaussian of the luminance of `color`, at least 0, missing pixels being black.
+///   Both Gaussians repeat the pixels at the borders.
 ///
 /// With `tap_exposure` e, the weights of taps that are brighter before the first pass are also multiplied by
 /// ``((e + l) / (e + l'))²``, with l at least 0, where both pixels have `settled` samples or more.
@@ -545,7 +546,7 @@ pub fn suppress_fireflies_<'py>(
         },
     };
     params.check()?;
-    let (held, removed, out) = {
+    let (held, removed) = {
         let color = Input::<f32>::new(color, "color", COLOR)?;
         let size = color.size();
         let expected = Input::<f32>::optional(expected, "expected", COLOR, size)?;
@@ -554,18 +555,19 @@ pub fn suppress_fireflies_<'py>(
         let shape = color.shape();
         let out = (Out::given(first, shape)?, Out::given(second, &shape[..2])?);
         let mut held = Direct::new(py, out.0, shape)?;
+        let mut removed = Direct::new(py, out.1, &shape[..2])?;
         let (color, guide) = (color.pixels(), guide.surface());
         let expected = expected.as_ref().map(Input::pixels);
-        let bands = held.data()?;
-        let removed = detached(py, || {
+        let (bands, plane) = (held.data()?, removed.data()?);
+        detached(py, || {
             let guide = Guide::new(size, params.radius, guide, None);
             let bands = PixelsMut::bands(size, 3, bands);
             let removed = fireflies::suppress_fireflies(color, expected, &guide, params, bands);
-            Outgoing::new(removed)
+            removed.view().interleave(plane);
         })?;
-        (held, removed, out.1)
+        (held, removed)
     };
-    Ok((held.array()?, removed.array(py, out)?))
+    Ok((held.array()?, removed.array()?))
 }
 
 /// Average recently disoccluded pixels over their surface: history fix.

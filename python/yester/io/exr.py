@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._core import Camera
 from ..frame import Frame
+from ..messages import few
 from . import layout
 from .channels import CANONICAL, Recognised, guesses, missing, recognise
 from .convert import View, canonical, multipliers, notes
@@ -45,6 +46,8 @@ HALF_MAX = float(np.finfo(np.float16).max)
 _LOSSLESS = ("NO", "RLE", "ZIPS", "ZIP", "PIZ", "PXR24", "HTJ2K256", "HTJ2K32", "ZSTD")
 #: The compressions that can be asked for.
 COMPRESSIONS = ("none", "rle", "zips", "zip", "piz", "pxr24", "b44", "b44a", "dwaa", "dwab", "htj2k256", "htj2k32")
+#: Those that know colour and luminance by the names of channels, and keep them as float16, with loss.
+_BY_NAME = ("dwaa", "dwab")
 #: worldToNDC to world_to_clip: [0, 1] to [-1, 1], and y up.
 _NDC_TO_CLIP = np.array([[2.0, 0, 0, -1], [0, -2, 0, 1], [0, 0, 1, 0], [0, 0, 0, 1]])
 
@@ -281,7 +284,10 @@ def write_exr(
     compression : str, optional
         ``"none"``, ``"rle"``, ``"zips"``, ``"zip"``, ``"piz"``, ``"pxr24"``, ``"b44"``, ``"b44a"``, ``"dwaa"``,
         ``"dwab"``, ``"htj2k256"`` or ``"htj2k32"``, as the OpenEXR library has them. By default that of `like`, if it
-        is lossless: a second lossy compression would change what is copied. Otherwise ``"zip"``.
+        is lossless: a second lossy compression would change what is copied. Otherwise ``"zip"``. ``"pxr24"`` rounds
+        numbers of 32 bits to 24, ``"dwaa"`` and ``"dwab"`` store colour within ±65504 with loss. They are refused
+        beside Cryptomatte, whose ids they change, and the latter two where a channel that is no colour is named Y, as
+        of normals, positions and motion: they take it for luminance.
     like : Plate, optional
         Everything that `frame` lacks is copied from here, bit for bit and in its own type: channels (alpha, other
         layers), windows, the remaining attributes of the header, and all other parts. Colour replaces the channels that
@@ -294,7 +300,7 @@ def write_exr(
     OSError
         If the file cannot be written.
     ValueError
-        If there is no such compression.
+        If there is no such compression, or it would damage a buffer.
     TypeError
         If `like` is no plate.
     ImportError
@@ -317,6 +323,7 @@ def write_exr(
     exr = _openexr()
     if compression is not None and compression not in COMPRESSIONS:
         raise ValueError(f"compression: expected one of {', '.join(COMPRESSIONS)}, got {compression!r}")
+    within_half = compression in _BY_NAME
     if not isinstance(like, Plate | None):
         raise TypeError(f"like: expected what `read_plate` returns, got {type(like).__name__}")
     header: dict[str, Any] = {} if like is None else _attributes(like.main)
@@ -343,13 +350,16 @@ def write_exr(
             names, values = like.color, _unscaled(values, like.factors)
         for name, plane in zip(names, np.moveaxis(np.atleast_3d(values), -1, 0), strict=False):
             former = replaced[name].pixels.dtype if name in replaced else np.float32
-            if buffer in _HALVED and (former == np.float16 if half is None else half):
-                plane = np.where(np.isfinite(plane), np.clip(plane, -HALF_MAX, HALF_MAX), plane).astype(np.float16)
-            channels[name] = np.ascontiguousarray(plane)
+            halved = buffer in _HALVED and (former == np.float16 if half is None else half)
+            if halved or (buffer in _HALVED and within_half):
+                plane = np.where(np.isfinite(plane), np.clip(plane, -HALF_MAX, HALF_MAX), plane)
+            channels[name] = np.ascontiguousarray(plane, np.float16 if halved else None)
     main = exr.Part(header | _storage(exr, like and like.main, compression), channels, header.get("name", ""))
     parts = [main]
     if like is not None and like.frame.shape == frame.shape:
         parts = [main if part is like.main else _copy(exr, part, compression) for part in like.parts]
+    color = CANONICAL["color"] if like is None else like.color
+    check_compression(compression, {name for part in parts for name in part.channels} - set(color))
     with beside(path) as temporary:
         try:
             target = _openable(temporary)
@@ -358,6 +368,15 @@ def write_exr(
                 temporary.write_bytes(target.getbuffer())
         except (RuntimeError, TypeError, ValueError) as error:
             raise OSError(f"{path}: cannot be written: {error}") from None
+
+
+def check_compression(compression: str | None, names: Iterable[str], argument: str = "compression") -> None:
+    """Refuse a compression that damages one of these channels, which are no colour."""
+    by_name = compression in _BY_NAME
+    if by_name or compression == "pxr24":
+        lost = {name for name in names if "crypto" in name.lower() or (by_name and name.rpartition(".")[2] == "Y")}
+        if lost:
+            raise ValueError(f"{argument}: expected one that keeps {few(sorted(lost))}, got {compression}")
 
 
 def _unscaled(color: NDArray[Any], factors: tuple[float, ...]) -> NDArray[Any]:

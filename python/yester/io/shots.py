@@ -18,6 +18,11 @@ def natural(path: Path) -> list[tuple[int, str]]:
     return [(int(piece) if i % 2 else -1, piece) for i, piece in enumerate(_NUMBER.split(_spelled(path)))]
 
 
+def words(path: Path) -> list[str]:
+    """The text around the numbers: the files of a shot have it in common, ``1_left.exr`` and ``1_right.exr`` differ."""
+    return _pieces(path)[::2]
+
+
 def breaks(paths: Sequence[Path]) -> dict[int, str]:
     """Where history must not be carried over: at the start of another shot, and after missing frames.
 
@@ -87,5 +92,5 @@ def _pieces(path: Path) -> list[str]:
 
 
 def _spelled(path: Path) -> str:
-    """The one spelling of a path, which users may give as ``a/1.exr``, ``b/../a/1.exr`` or from the root."""
-    return os.path.abspath(path)
+    """The one spelling of a path, which users may give as ``a/1.exr``, ``b/../a/1.EXR`` or from the root."""
+    return os.path.abspath(path.with_suffix(path.suffix.lower()))

@@ -90,7 +90,7 @@ class Parameters:
         width, height = self.crop or (known.width, known.height)
         pixel = sum(CHANNELS[name] * stored(name, self.half).itemsize for name in self.buffers)
         pixels = sum({"full": width * height, "half": -(-width // 2) * -(-height // 2)}[size] for size in self.sizes)
-        return known.frames * (self.crops if self.crop else 1) * pixels * pixel
+        return known.frames * self.crops * pixels * pixel
 
 
 @dataclass(frozen=True)
@@ -270,7 +270,7 @@ def prepare(
         images,
         tuple(size for size in ("full", "half") if size in sizes),
         crop and (int(crop[0]), int(crop[1])),
-        crops if crop else 1,
+        crops,
         seed,
         half,
         format,
@@ -318,6 +318,8 @@ def _check_arguments(
         raise ValueError(f"jobs: expected at least 1, got {jobs}")
     if crops < 1:
         raise ValueError(f"crops: expected at least 1, got {crops}")
+    if crop is None and crops > 1:
+        raise ValueError(f"crops: expected a size in crop beside it, got {crops} alone")
     if crop is not None and min(crop) < 1:
         raise ValueError(f"crop: expected at least 1 x 1, got {crop[0]} x {crop[1]}")
     if format not in _WRITERS:

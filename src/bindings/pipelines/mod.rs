@@ -428,7 +428,7 @@ impl Output {
 /// motion : (H, W, 2) float32, optional
 ///     As `Output.motion`.
 /// used : tuple of str, default ()
-///     As `Output.used`.
+///     As `Output.used`; empty if that is not known.
 ///
 /// Raises
 /// ------
@@ -658,6 +658,17 @@ impl<'py> FrameArgs<'py> {
             return self.step(py, out, pipeline);
         };
         let size = self.size();
+        let used = later.get().used.bind(py);
+        let divided = used.contains("albedo")?;
+        // Of a history that lists no buffers, nobody knows.
+        if !used.is_empty() && divided != self.frame().albedo.is_some() {
+            let [expected, got] = match divided {
+                true => ["without albedo, as the frame", "with it"],
+                false => ["with albedo, as the frame", "without it"],
+            };
+            let expected = format!("a history of frames {expected}");
+            return Err(Error::value("later", expected, format!("one of frames {got}")).into());
+        }
         let later = HistoryArgs::new(later, size)?;
         let mut room = Room::new(py, out, size, pipeline.extras())?;
         let output = room.data()?;

@@ -349,7 +349,7 @@ impl SVGF {
     ///     For the frames with the denoiser's colours and motion; None without `antialias`.
     #[pyo3(signature = (*, both_sides=false))]
     fn split<'py>(slf: &Bound<'py, Self>, both_sides: bool) -> PyResult<Parts<'py>> {
-        let params = slf.try_borrow()?.inner.params().clone();
+        let params = alone(slf)?.inner.params().clone();
         split(slf.as_super(), &params, both_sides)
     }
 

@@ -57,8 +57,11 @@ impl Axis {
         let last = from as isize - 1;
         let peak = 1.0 / (DEVIATION * (2.0 * std::f64::consts::PI).sqrt());
         let taps = places(from, to, offset).map(|x| {
-            let before = x.floor();
-            let f = (x - before) as f32;
+            // Just before a sample, the distance to the one before rounds to 1: that is the sample's own place.
+            let (before, f) = match (x - x.floor()) as f32 {
+                1.0 => (x.floor() + 1.0, 0.0),
+                f => (x.floor(), f),
+            };
             let filter = match filter {
                 Filter::Nearest | Filter::Bilinear => [0.0, 1.0 - f, f, 0.0],
                 Filter::Wide(kernel) => {
