@@ -298,8 +298,8 @@ pub fn thin_features_<'py>(
 /// Notes
 /// -----
 /// Robust contrast-adaptive sharpening, as in AMD's FSR 1 [1]_, on colours ``c / (exposure + max(r, g, b))``: a pixel p
-/// with the four neighbours n becomes ``(p + λ Σ n) / (1 + 4λ)``. λ is `strength` times the strongest from -3/16 to 0 by
-/// which a pixel within the range of its neighbours stays within 0 to 1, the weakest channel's:
+/// with the four neighbours n becomes ``(p + λ Σ n) / (1 + 4λ)``. λ is `strength` times the strongest from -3/16 to 0
+/// by which a pixel within the range of its neighbours stays within 0 to 1, the weakest channel's:
 /// ``max(-min(n) / (4 max(n)), (1 - max(n)) / (4 min(n) - 4))``.
 ///
 /// References
