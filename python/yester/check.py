@@ -431,7 +431,7 @@ def _motion(shot: list[Frame], channels: Channels) -> tuple[Finding, list[Frame]
     if finding.verdict == "unclear" and geometry is not None:
         residuals = _beside_cameras(every, bases, shot, stored)
         second, other = _judged("motion", names, remedies, residuals, ["camera", geometry], minor=timed_ones)
-        # Where objects move, cameras alone may take another convention for the right one, which images exclude.
+        # Objects that move by themselves may agree better with the cameras by a wrong convention: images exclude that.
         if second.verdict == "right" or (second.verdict == "wrong" and second.stored in finding.rivals):
             finding, chosen = second, other
     right = every[chosen]

@@ -488,7 +488,8 @@ struct Outs<'a> {
     history: BandMut<'a>,
     coverage: BandMut<'a>,
     motion: BandMut<'a>,
-    /// Interleaved, in the rows in which candidates are evaluated: those before the frame, where one is evaluated in it.
+    /// Interleaved, one row for every [`ROWS`] of the frame. At first the averages over earlier frames, in tiles where a
+    /// candidate is evaluated; at last the averages with this frame, and 0 elsewhere.
     scores: &'a mut [f32],
     /// Of each candidate, the tiles in which it won a pixel beyond doubt.
     won: Vec<&'a mut [bool]>,

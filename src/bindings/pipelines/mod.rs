@@ -660,7 +660,7 @@ impl<'py> FrameArgs<'py> {
         let size = self.size();
         let used = later.get().used.bind(py);
         let divided = used.contains("albedo")?;
-        // Of a history that lists no buffers, nobody knows.
+        // A history that lists no buffers may be of either kind.
         if !used.is_empty() && divided != self.frame().albedo.is_some() {
             let [expected, got] = match divided {
                 true => ["without albedo, as the frame", "with it"],

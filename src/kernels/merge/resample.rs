@@ -57,7 +57,8 @@ impl Axis {
         let last = from as isize - 1;
         let peak = 1.0 / (DEVIATION * (2.0 * std::f64::consts::PI).sqrt());
         let taps = places(from, to, offset).map(|x| {
-            // Just before a sample, the distance to the one before rounds to 1: that is the sample's own place.
+            // Just before a sample, the distance from the sample before rounds to 1. It counts as none from the next one,
+            // where the weights are exact.
             let (before, f) = match (x - x.floor()) as f32 {
                 1.0 => (x.floor() + 1.0, 0.0),
                 f => (x.floor(), f),
