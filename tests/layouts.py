@@ -162,7 +162,13 @@ def pbrt(path, shot, *, old=False, half=True, space="camera", **other):
         channels |= {name: value} if value.ndim == 2 else layers({name: value})
     channels |= {"dzdx": np.zeros_like(shot.depth), "dzdy": np.zeros_like(shot.depth)}
     channels |= {} if old else {"u": np.zeros_like(shot.depth), "v": np.zeros_like(shot.depth)}
-    ndc = np.array([[0.5, 0, 0, 0.5], [0, -0.5, 0, 0.5], [0, 0, 1, 0], [0, 0, 0, 1]]) @ shot.camera.world_to_clip
+    # From the screen, whose shorter side is from -1 to 1, as `ProjectiveCamera::InitMetadata` has it.
+    size = np.array(shot.shape[::-1])
+    display, corner = map(np.array, other.get("window", (size, (0, 0))))
+    whole = np.diag([*(size / display), 1, 1])
+    whole[:2, 3] = ((2 * corner + size) / display - 1) * [1, -1]
+    screen = np.diag([*(display / display.min()), 1, 1]) @ whole @ shot.camera.world_to_clip
+    ndc = np.array([[0.5, 0, 0, 0.5], [0, 0.5, 0, 0.5], [0, 0, 0.5, 0.5], [0, 0, 0, 1]]) @ screen
     # Matrices for column vectors, where Imath has those for row vectors.
     header = {"worldToCamera": matrix.astype(np.float32), "worldToNDC": ndc.astype(np.float32)}
     header |= {"renderTimeSeconds": 1.5, "samplesPerPixel": 1}

@@ -250,6 +250,26 @@ def test_a_tile_that_keeps_a_lamp_does_not_decide():
     assert composed.share_of_all(evidence)[0] < 0.25
 
 
+@pytest.mark.parametrize("plane", range(5))
+@pytest.mark.parametrize("bright", [1e4, 1e18, 1e25])
+def test_a_flash_does_not_decide_for_long(plane, bright):
+    """Once it is in samples, once in those before, and once in a result: each time, it weighs as one frame."""
+    rng = np.random.default_rng(3)
+    truth = rng.random((64, 64, 1))
+    evidence = None
+    for t in range(24):
+        noisy = truth + rng.normal(size=(64, 64, 3))
+        planes = np.dstack([noisy, truth, truth + rng.normal(size=truth.shape) / 2])
+        if t == 4:
+            planes[..., plane] += bright * rng.normal(size=(64, 64))
+        _, evidence = yester.collocation_shares(
+            yester.collocate(planes, evidence), np.zeros((64, 64, 2)), np.ones((64, 64))
+        )
+    first, samples = np.moveaxis(at_rest(evidence), -1, 0)
+    assert first.mean() > 0.8
+    assert samples.mean() < 0.1
+
+
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_evidence_that_is_not_finite_is_none(value):
     evidence = yester.collocate(measured(np.random.default_rng(0), 40, 56))

@@ -1,6 +1,7 @@
 """Files in the layouts of renderers: what is read is the canonical form of what was stored."""
 
 import re
+from dataclasses import replace
 
 import layouts
 import numpy as np
@@ -161,6 +162,26 @@ def test_pbrt(tmp_path, shot, old, space, half):
     assert known.missing["motion"] == "computed from the cameras, for static objects"
 
 
+@pytest.mark.parametrize("size", [(96, 64), (48, 80), (64, 64)])
+def test_the_screen_of_pbrt(tmp_path, size):
+    """Its NDC span the shorter side, with y up: told by positions, and without these, by the renderer."""
+    shot = layouts.frame(3, *size)
+    layouts.pbrt(tmp_path / "a.exr", shot, half=False)
+    same_view(io.read_exr(tmp_path / "a.exr").camera, shot.camera)
+    same_view(io.describe(tmp_path / "a.exr").camera, shot.camera)
+
+
+def test_a_camera_that_sees_something_else_is_not_used(tmp_path, shot):
+    """As with a screen window, which the header does not tell. Positions stay where they are."""
+    turned = yester.Camera.from_look_at([3, 9, 2], [5, 5, 5], [0, 1, 0], 20, shot.width, shot.height)
+    layouts.pbrt(tmp_path / "a.exr", replace(shot, camera=turned), half=False, space="world")
+    with pytest.warns(UserWarning, match=r"a\.exr: worldToNDC: not used, as it puts positions elsewhere"):
+        frame = io.read_exr(tmp_path / "a.exr")
+    assert frame.camera is None
+    seen = hit(shot)
+    np.testing.assert_allclose(frame.position[seen], shot.position[seen])
+
+
 def test_pbrt_without_a_camera(tmp_path, shot):
     layouts.pbrt(tmp_path / "a.exr", shot, half=False)
     channels = OpenEXR.File(str(tmp_path / "a.exr"), separate_channels=True).channels()
@@ -234,6 +255,11 @@ def test_falcor(tmp_path, shot):
     assert io.describe(tmp_path / "a.exr").renderer == "Falcor"
 
 
+def same_view(found, want):
+    points = np.random.default_rng(0).uniform(-1, 1, (20, 3)) * [1, 1, 0.5]
+    np.testing.assert_allclose(found.project(points)[0], want.project(points)[0], rtol=1e-3, atol=1e-2)
+
+
 @pytest.mark.parametrize("name", layouts.RENDERERS)
 def test_a_window_that_is_not_the_display(tmp_path, shot, name):
     """A crop, and more than what is displayed: the image is the data window, units of motion those of the display."""
@@ -246,6 +272,8 @@ def test_a_window_that_is_not_the_display(tmp_path, shot, name):
         assert frame.shape == shot.shape
         if name == "falcor":
             np.testing.assert_allclose(frame.motion, shot.motion / shot.shape[::-1] * display, rtol=1e-6)
+        if name == "pbrt":
+            same_view(frame.camera, shot.camera)
 
 
 def test_every_renderer_is_told_by_its_layers(tmp_path, shot):
@@ -462,6 +490,8 @@ def test_guesses():
         "Depth0": "depth=Depth0.Z",
     }
     assert channels.guesses(names, color=False) == found
+    others = [f"BG.{name}" for name in ("Vector.X", "Vector.Y", "Depth.Z", "CryptoObject00.R")]
+    assert channels.guesses([*names, *others], color=False, renderer="Blender Cycles") == found
     colour = [f"Combned.{c}" for c in "RGBA"]
     assert channels.guesses([*names, *colour], color=False) == found
     assert channels.guesses([*names, *colour], color=True) == {

@@ -3,6 +3,8 @@
 import os
 import subprocess
 import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
 
 import numpy as np
@@ -145,6 +147,44 @@ def test_out(temporal):
     for wrong in (yester.SVGF().step(frame), yester.TAA().step(small)):
         with pytest.raises(ValueError, match=r"^out: expected .*\(64, 96, 3\)"):
             oidn.step(frame, out=wrong)
+
+
+def test_an_out_that_cannot_be_written_changes_nothing():
+    oidn, other = (yester.OIDN("fast", temporal=True) for _ in range(2))
+    first, second, third = (frame for frame, _ in frames(3))
+    out = oidn.step(first)
+    before = out.color.copy()
+    out.confidence.flags.writeable = False
+    with pytest.raises(ValueError, match=r"^out\.confidence: expected a writable array"):
+        oidn.step(second, out=out)
+    assert_same_bits(out.color, before)
+    for frame in (first, second, third):
+        want = other.step(frame)
+        if frame is not first:
+            assert_same_bits(oidn.step(frame).color, want.color)
+
+
+def test_one_thread_at_a_time(monkeypatch):
+    oidn = yester.OIDN("fast")
+    frame, _ = next(iter(frames(1)))
+    want = oidn.step(frame).color
+    begun, refused = threading.Event(), threading.Event()
+    network = oidn._network.denoise
+
+    def slow(*given):
+        begun.set()
+        refused.wait(30)
+        return network(*given)
+
+    monkeypatch.setattr(oidn._network, "denoise", slow)
+    with ThreadPoolExecutor(1) as pool:
+        other = pool.submit(oidn.step, frame)
+        begun.wait(30)
+        for call in (oidn.reset, lambda: oidn.step(frame)):
+            with pytest.raises(RuntimeError, match=r"^OIDN: expected one thread at a time"):
+                call()
+        refused.set()
+        assert_same_bits(other.result().color, want)
 
 
 def test_sizes_and_buffers_may_change_where_nothing_is_remembered():

@@ -108,7 +108,21 @@ def test_missing_samples_and_edges_do_not_count():
     np.testing.assert_array_equal(predictive_error([a, a], [b, b], cut)["relative"].tiles, found.tiles)
     nothing = predictive_error([a, a], [b, b], flat([y, np.full_like(y, np.nan)]))["display"]
     assert np.isnan(nothing.difference)
+    assert np.isnan(nothing.change)
     assert np.isnan(nothing.tiles).all()
+
+
+@pytest.mark.parametrize("frame", range(3))
+@pytest.mark.parametrize("result", range(2))
+def test_results_with_holes(frame, result):
+    rng = np.random.default_rng(0)
+    results = rng.random((2, 3, 32, 32, 3)).astype(np.float32)
+    samples = flat(rng.random((3, 32, 32, 3)).astype(np.float32))
+    whole = predictive_error(*results, samples)["relative"]
+    results[result, frame, 9, 9] = np.nan
+    found = predictive_error(*results, samples)["relative"]
+    assert abs(found.difference - whole.difference) < whole.error
+    np.testing.assert_allclose([found.error, found.change], [whole.error, whole.change], rtol=0.2)
 
 
 def test_bad_input_of_the_judge(moving):
@@ -242,9 +256,12 @@ def test_saved_and_loaded(still, moving, tmp_path):
     odd = yester.Plan(stages=(replace(yester.plan(still).stages[0], loss=float("-inf"), error=float("inf")),))
     odd.save(path)
     assert yester.Plan.load(path) == odd
-    given = yester.Plan(options={"relative_depth": (0.1, 0.2), "reflections": (), "alpha": np.float64(0.1)})
-    given.save(path)
-    assert yester.Plan.load(path) == given
+    given = {"relative_depth": (0.1, 0.2), "reflections": (), "alpha": np.float32(0.25), "choice": np.bool_(False)}
+    yester.Plan(options=given).save(path)
+    assert yester.Plan.load(path) == yester.Plan(options=given)
+    with pytest.raises(ValueError, match=r"^options\.relative_albedo: .*None"):
+        yester.Plan(options={"relative_albedo": None}).save(path)
+    assert yester.Plan.load(path) == yester.Plan(options=given)
     assert [each.name for each in tmp_path.iterdir()] == ["plan.toml"]
 
 

@@ -465,8 +465,8 @@ class Output:
 class Pipeline:
     """Base class of pipelines, which process a sequence frame by frame.
 
-    The `repr` is the constructor call with the given parameters. Copies (shallow or deep) and unpickled objects are
-    made by this call: they have the same parameters, no history, and start a new sequence.
+    The `repr` is the constructor call with the given parameters (``inf`` is `math.inf`). Copies (shallow or deep) and
+    unpickled objects are made by this call: they have the same parameters, no history, and start a new sequence.
 
     Parameters
     ----------
@@ -802,7 +802,7 @@ class SVGF(Pipeline):
         """Make the pipeline without its output stage, and the stage.
 
         Both are without history. One after the other, they give the results of the whole, if the stage gets the frame's
-        colour as `samples`, and follows the `motion` of the denoiser's output.
+        colour as `samples`, and the `motion` and `confidence` of the denoiser's output.
 
         Parameters
         ----------
@@ -2876,7 +2876,7 @@ def collocate(
     -----
     The detail of a plane is its difference from the mean of the 3×3 pixels. With the planes numbered from 0, the
     products are those of 00, 01, 02, 11, 12, 22, 03, 13, 33, 04, 14, 44 and 34. A frame's sums in a tile of n pixels
-    have the weight ``1 / ((Σ₀₀ + Σ₁₁) / n + (exposure / 1024)²)``, so that no frame decides alone.
+    have the weight ``1 / (max(Σ₀₀ + Σ₁₁, Σ₂₂, Σ₃₃, Σ₄₄) / n + (exposure / 1024)²)``, so that no frame decides alone.
 
     Examples
     --------

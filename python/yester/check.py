@@ -52,6 +52,8 @@ _FARTHEST = 1e14
 _PIXELS = 250_000
 #: Slope of albedo over colour from which albedo is called lit. Paint may follow normals, too, but less.
 _LIT = 0.7
+#: Fewer objects do not tell lighting from paint that follows normals by chance.
+_OBJECTS = 3
 #: Share of a surface's pixels with other ids than before up to which ids are right, and from which they are wrong.
 _KEEPS, _CHANGES = 0.25, 0.5
 #: Rivals that are printed.
@@ -119,7 +121,9 @@ class Finding:
         return "\n".join(lines)
 
 
-def check_motion(frames: Iterable[Frame], *, channels: Channels | None = None) -> Finding:
+def check_motion(
+    frames: Iterable[Frame], *, channels: Channels | None = None, display: tuple[int, int] | None = None
+) -> Finding:
     """Find the sign, axes, unit, scale and time of motion vectors by warping neighbouring frames.
 
     Parameters
@@ -132,6 +136,9 @@ def check_motion(frames: Iterable[Frame], *, channels: Channels | None = None) -
     channels : mapping of str to sequence of (float, str), optional
         For ``"motion"``, the file's channels that its components were made of, with the factors that were applied: the
         remedy names them. By default ``motion.X`` and ``motion.Y``.
+    display : (int, int), optional
+        Width and height of the image that the frames are a part of, if motion may be in fractions of it. By default,
+        theirs.
 
     Returns
     -------
@@ -167,10 +174,12 @@ def check_motion(frames: Iterable[Frame], *, channels: Channels | None = None) -
     shot = _shot(frames)
     if any(frame.motion is None for frame in shot):
         raise ValueError("frames: expected motion in each of them")
-    return _motion(shot, _named(channels))[0]
+    return _motion(shot, _named(channels), display)[0]
 
 
-def check(frames: Iterable[Frame], *, channels: Channels | None = None) -> list[Finding]:
+def check(
+    frames: Iterable[Frame], *, channels: Channels | None = None, display: tuple[int, int] | None = None
+) -> list[Finding]:
     """Check the conventions of all buffers of a sequence.
 
     Parameters
@@ -179,6 +188,8 @@ def check(frames: Iterable[Frame], *, channels: Channels | None = None) -> list[
         Consecutive frames of one shot, at least two; about five are enough.
     channels : mapping of str to sequence of (float, str), optional
         As for `check_motion`; also for ``"depth"`` and ``"normal"``.
+    display : (int, int), optional
+        As for `check_motion`.
 
     Returns
     -------
@@ -210,7 +221,7 @@ def check(frames: Iterable[Frame], *, channels: Channels | None = None) -> list[
     shot, names = _shot(frames), _named(channels)
     cameras, shot = _cameras(shot)
     depth, shot = _depth(shot, names)
-    motion, shot = _motion(shot, names)
+    motion, shot = _motion(shot, names, display)
     if cameras.verdict == "unchecked":
         cameras, shot = _cameras_by_motion(shot)
     if depth.verdict == "unchecked":
@@ -396,7 +407,7 @@ def _hypotheses(width: int, height: int, *, timed: bool, grey: bool) -> Iterator
                 yield from new(named(time, unit, said), scale @ matrix, file=file, here=here)
 
 
-def _motion(shot: list[Frame], channels: Channels) -> tuple[Finding, list[Frame]]:
+def _motion(shot: list[Frame], channels: Channels, display: tuple[int, int] | None) -> tuple[Finding, list[Frame]]:
     """The finding, and the frames with canonical motion."""
     if (lacking := _lacking(shot, "motion")) is not None:
         return Finding("motion", "unchecked", f"no motion vectors{lacking}"), shot
@@ -407,7 +418,8 @@ def _motion(shot: list[Frame], channels: Channels) -> tuple[Finding, list[Frame]
     values = np.concatenate([stored[t].ravel() for t in bases])
     values = values[np.isfinite(values)]
     grey = values.size > 0 and values.min() >= 0 and values.max() <= 1 and bool(np.abs(np.median(values) - 0.5) < 0.25)
-    every = [*_hypotheses(width, height, timed=timed, grey=grey)]
+    sides = display or (width, height)
+    every = [*_hypotheses(*sides, timed=timed, grey=grey)]
     guides = _guides(shot)
     # All hypotheses on the pair that moves most, in a thinned image; the best ones on all pairs in full.
     thin = int(np.ceil(np.sqrt(width * height / _PIXELS)))
@@ -419,7 +431,7 @@ def _motion(shot: list[Frame], channels: Channels) -> tuple[Finding, list[Frame]
     every = [every[i] for i in sorted({*range(9), *best.tolist()})]
     residuals = _warped(every, bases, shot, stored, guides, 1)
     names = [hypothesis.name for hypothesis in every]
-    remedies = [_remedy(hypothesis, channels, shot[0].shape) if i else "" for i, hypothesis in enumerate(every)]
+    remedies = [_remedy(hypothesis, channels, sides) if i else "" for i, hypothesis in enumerate(every)]
     # At a steady pace, motion of neighbouring frames is the same.
     timed_ones = [i for i, hypothesis in enumerate(every) if hypothesis.file]
     poor = "no hypothesis explains the frames, as at a cut"
@@ -486,11 +498,11 @@ def _mapping(
     buffer: str,
     matrix: NDArray[np.float64],
     channels: Sequence[tuple[float, str]],
-    size: tuple[int, int] = (1, 1),
+    sides: tuple[int, int] = (1, 1),
     **form: Any,
 ) -> str:
     """The options of the command line that read a buffer, in that form, as a matrix says: one channel a component."""
-    height, width = size
+    width, height = sides
     terms = [(row[i] * channels[i][0], channels[i][1]) for row in matrix for i in np.flatnonzero(row).tolist()]
     named = ",".join(f"{'-' if factor < 0 else ''}{name}" for factor, name in terms)
     lengths = np.abs([factor for factor, _ in terms])
@@ -504,11 +516,11 @@ def _mapping(
     return " ".join([f"--map {buffer}={named}", *(f"--map {buffer}.{name}={value}" for name, value in form.items())])
 
 
-def _remedy(hypothesis: _Motion, channels: Channels, size: tuple[int, int]) -> str:
+def _remedy(hypothesis: _Motion, channels: Channels, sides: tuple[int, int]) -> str:
     """What to write for canonical motion."""
     if not hypothesis.matrix.any():
         return "leave the motion vectors out"
-    text = _mapping("motion_next" if hypothesis.here else "motion", hypothesis.matrix, channels["motion"], size)
+    text = _mapping("motion_next" if hypothesis.here else "motion", hypothesis.matrix, channels["motion"], sides)
     if hypothesis.zero:
         text += f", after subtracting {hypothesis.zero:g} from what is stored"
     if hypothesis.file != hypothesis.here:
@@ -1050,14 +1062,20 @@ def _albedo(shot: list[Frame]) -> Finding:
         return Finding("albedo", "wrong", stored, "the reflectance alone, without light; 1 on metals and mirrors")
     if below > 0.01:
         return Finding("albedo", "wrong", f"negative at {below:.0%} of the pixels", "the reflectance alone")
+    if all(_is_colour(frame) for frame in shot):
+        stored = "contains lighting: it is the colour"
+        return Finding("albedo", "wrong", stored, "the reflectance alone, without light", witnesses=("color",))
     if any(frame.normal is None or frame.ids is None for frame in shot):
         return Finding("albedo", "unclear", "from 0 to 1; without ids and normals, lighting in it cannot be told")
-    found = [pair for frame in shot for pair in _lit(frame)]
+    found = [each for frame in shot for each in _lit(frame)]
     if len(found) < 4:
         return Finding("albedo", "unclear", "from 0 to 1; too few normals to tell whether it contains lighting")
-    share, weight = np.array(found).T
+    number, share, weight = np.array(found).T
     mean = float((share * weight).sum() / weight.sum())
     error = float(np.sqrt((weight**2 * (share - mean) ** 2).sum()) / weight.sum())
+    if mean > max(_LIT, _SIGMAS * error) and len(np.unique(number)) < _OBJECTS:
+        stored = f"from 0 to 1; it follows colour from normal to normal (slope {mean:.2f}), as paint does in even light"
+        return Finding("albedo", "unclear", stored, "", 1 - mean, error, (), ("color", "normal", "ids"))
     if mean > max(_LIT, _SIGMAS * error):
         stored = f"contains lighting: within objects it follows colour from normal to normal (slope {mean:.2f})"
         return Finding("albedo", "wrong", stored, "the reflectance alone, without light", mean, error, (), ("color",))
@@ -1065,8 +1083,15 @@ def _albedo(shot: list[Frame]) -> Finding:
     return Finding("albedo", "right", stored, "", 1 - mean, error, (), ("color", "normal", "ids"))
 
 
-def _lit(frame: Frame) -> Iterator[tuple[float, float]]:
-    """For each object, the slope of albedo over colour, both as functions of the normal, and its weight.
+def _is_colour(frame: Frame) -> bool:
+    """Whether the albedo is the colour, noise and all, as far as it is below 1."""
+    albedo, color = np.asarray(frame.albedo, np.float64), np.asarray(frame.color, np.float64)
+    lit = np.isfinite(color).all(-1) & (color > 0).any(-1)
+    return bool(lit.any() and np.isclose(albedo, color.clip(0, 1), rtol=1e-3, atol=1e-6)[lit].all(-1).mean() > 0.9)
+
+
+def _lit(frame: Frame) -> Iterator[tuple[int, float, float]]:
+    """For each object, its id, the slope of albedo over colour, both as functions of the normal, and its weight.
 
     Within an object, colour follows the normals by its lighting; albedo should not. Means over groups of like normals
     free both from texture and noise. The slope is that of logarithms: 0 for a reflectance, 1 where it is lit alike.
@@ -1090,7 +1115,7 @@ def _lit(frame: Frame) -> Iterator[tuple[float, float]]:
         a, c = a - weights @ a, c - weights @ c
         variance = float(weights @ c**2)
         if variance > 0.01:
-            yield float(weights @ (a * c)) / variance, variance * float(here.sum())
+            yield int(number), float(weights @ (a * c)) / variance, variance * float(here.sum())
 
 
 # Ids

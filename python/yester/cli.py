@@ -688,7 +688,7 @@ def _checked(options: argparse.Namespace) -> int:
     # A shot's first frame needs no motion: without it, the others have it.
     if len(chosen) > 2 and "motion" in known.channels and "motion" not in describe(chosen[0], **reading).channels:
         del chosen[0]
-    found = check(read_sequence(chosen, **reading), channels=stored)
+    found = check(read_sequence(chosen, **reading), channels=stored, display=known.display)
     print(f"{known.renderer or 'no renderer'} recognised; looked at {chosen[0].name} to {chosen[-1].name}")
     print(*found, sep="\n")
     if known.renderer.startswith("Mitsuba") and not known.camera:
@@ -704,7 +704,7 @@ def _like_motion(known: Description) -> list[str]:
         if "motion" in f"{channel} {why}".lower():
             layers.setdefault(channel.rpartition(".")[0], []).append(channel)
     guesses = [guess.partition("=")[2].split(",") for guess in known.guesses.values() if guess.startswith("motion=")]
-    several = [sorted(own, key=lambda name: "RGXY".find(name[-1])) for own in layers.values() if len(own) > 1]
+    several = [sorted(own, key=lambda name: "XYZRGB".find(name[-1])) for own in layers.values() if len(own) > 1]
     return next(([*own[:2]] for own in [*several, *guesses]), [])
 
 

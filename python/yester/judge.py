@@ -160,7 +160,7 @@ def estimate(found: NDArray[np.float64]) -> dict[str, Predicted]:
             mean = difference.sum() / total
             spread = ((difference - mean * count) ** 2).sum() * units / (units - 1)
             _, counts, changes = by_frame.sum(tuple(range(2, by_frame.ndim))).T
-            change = (changes / counts)[counts > 0].min(initial=np.inf)
+            change = np.fmin.reduce(changes / counts)
             tiles = difference / count
             result[weighting] = Predicted(float(mean), float(np.sqrt(spread) / total), float(change), tiles)
     return result
@@ -226,7 +226,8 @@ def _compared(
     tests = surface_tests(before, frame, motion, untested=untested)
     images = [np.asarray(image, np.float32) for image in (second[0], *firsts)]
     carried, coverage = reproject(images, motion, filter="nearest", fallback=False, **tests)
-    known = _eroded((coverage > _WHOLE) & np.isfinite(frame.color).all(-1))
+    finite = np.isfinite(frame.color).all(-1) & np.isfinite(second[1]).all(-1)
+    known = _eroded((coverage > _WHOLE) & finite)
     b, y, after, *others = (
         np.where(known[..., None], i, 0) for i in (carried[0], frame.color, second[1], *carried[1:])
     )

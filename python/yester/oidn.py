@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Literal
 
 import numpy as np
@@ -111,6 +114,7 @@ class OIDN(Pipeline):
         self._stages = (history, TAA("denoised", innovation=innovation)) if temporal else None
         self._corrects = innovation
         self._chooses = choice
+        self._in_step = threading.Lock()
         self._forget()
 
     def step(self, frame: Frame, out: Output | None = None) -> Output:
@@ -135,6 +139,8 @@ class OIDN(Pipeline):
         ValueError
             With `temporal`, if the size changes, or albedo appears or vanishes, without `reset` in between; if `out`
             does not fit.
+        RuntimeError
+            If another thread is in a step of this pipeline.
         """
         if not isinstance(frame, Frame):
             raise TypeError(f"frame: expected a yester.Frame, got {type(frame).__name__}")
@@ -143,20 +149,33 @@ class OIDN(Pipeline):
         if out is not None and (out.variance is not None or out.color.shape != frame.color.shape):
             expected = f"one of this pipeline with color of shape {frame.color.shape}"
             raise ValueError(f"out: expected {expected}, got one of shape {out.color.shape}")
-        output = self._alone(frame) if self._stages is None else self._between(frame, *self._stages)
-        if out is None:
-            return output
-        kept = [getattr(out, name) for name in ("color", "history_length", "confidence", "rejection")]
-        made = output.color, output.history_length, output.confidence, output.rejection
-        for array, new in zip(kept, made, strict=True):
-            array[...] = new
-        return Output(*kept, used=output.used, missing=output.missing)
+        names = ("color", "history_length", "confidence", "rejection")
+        kept = {} if out is None else {name: getattr(out, name) for name in names}
+        for name, array in kept.items():
+            if not array.flags.writeable:
+                raise ValueError(f"out.{name}: expected a writable array, got a read-only one")
+        with self._alone_in_step():
+            output = self._alone(frame) if self._stages is None else self._between(frame, *self._stages)
+        for name, array in kept.items():
+            array[...] = getattr(output, name)
+        return Output(**kept, used=output.used, missing=output.missing) if kept else output
 
     def reset(self) -> None:
         """Discard all history; the next frame starts a new sequence."""
-        for stage in self._stages or ():
-            stage.reset()
-        self._forget()
+        with self._alone_in_step():
+            for stage in self._stages or ():
+                stage.reset()
+            self._forget()
+
+    @contextmanager
+    def _alone_in_step(self) -> Iterator[None]:
+        """Refuse a second thread: the network's images and the history are those of one step."""
+        if not self._in_step.acquire(blocking=False):
+            raise RuntimeError("OIDN: expected one thread at a time, got a call while another thread is in a step")
+        try:
+            yield
+        finally:
+            self._in_step.release()
 
     def _forget(self) -> None:
         self._continues = False

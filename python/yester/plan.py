@@ -199,6 +199,8 @@ class Plan:
         ------
         OSError
             If the file cannot be written.
+        ValueError
+            If an option is None, for which TOML has no value. No file is written.
 
         Examples
         --------
@@ -206,6 +208,9 @@ class Plan:
         >>> yester.Plan.load("plan.toml").options
         {'iterations': 2}
         """
+        for name, value in self.options.items():
+            if value is None:
+                raise ValueError(f"options.{name}: expected a value that TOML has, got None; leave the option out")
         options = f"{{ {', '.join(f'{name} = {_toml(value)}' for name, value in self.options.items())} }}"
         named = {name: _toml(value) for name, value in vars(self).items() if name not in ("options", "stages")}
         lines = [
@@ -729,6 +734,8 @@ def _check_options(options: Mapping[str, Any]) -> None:
 
 def _toml(value: Any) -> str:
     """A value as TOML writes it: numbers as Python does, the rest as JSON."""
+    if isinstance(value, np.generic):
+        value = value.item()
     if isinstance(value, list | tuple):
         return f"[{', '.join(map(_toml, value))}]"
     return repr(float(value)) if isinstance(value, float) else json.dumps(value)

@@ -13,7 +13,7 @@ attributes by which the files of Arnold, RenderMan, V-Ray and Unreal are recogni
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from itertools import chain, takewhile
@@ -68,7 +68,7 @@ class Form:
     near : float
         Distance of the near plane, if depth is counted from there.
     miss : str
-        Depth of a pixel in which nothing was hit: ``"inf"``, ``"zero"`` or ``"far"`` (1e9 and beyond).
+        Depth of a pixel in which nothing was hit: ``"inf"``, ``"far"`` (1e9 and beyond) or ``"zero"`` (or far).
     cryptomatte : bool
         Ids are ranks of a cryptomatte: id and coverage in turn.
     """
@@ -196,8 +196,8 @@ _CYCLES = Convention(
         Layer(
             "depth",
             ("Denoising Depth.Z",),
-            Form(miss="far"),
-            note="where it follows a reflection, the length of the ray",
+            Form(kind="distance", miss="zero"),
+            note="the length of the first ray that hits what is not a mirror",
         ),
         # Previous minus current, and current minus next position; y up.
         Layer("motion", ("Vector.XY",), Form(scale=(1, -1)), note="Vector pass of Blender Cycles: turned to y down"),
@@ -467,12 +467,15 @@ def recognise(
     evidence = [_evidence(convention, layers, header) for convention in CONVENTIONS]
     best = max(range(len(CONVENTIONS)), key=lambda i: evidence[i][0])
     chosen = CONVENTIONS[best] if evidence[best][0] else Convention("")
-    order = (OURS, chosen, COMMON)
-    prefix, remarks = _prefix(layers, order)
+    prefixes, remarks = _prefixes(layers, (OURS, chosen, COMMON))
+    # Ours come first. With the prefix of a renderer's layers, one of our names is that of a user's own layer.
+    ours = [(layer, [""]) for layer in OURS.layers if not prefixes[0] or layer.buffer != "color"]
+    order = (chosen,) if chosen.renderer and prefixes[0] else (chosen, OURS)
+    others = [layer for convention in (*order, COMMON, _cryptomattes(header)) for layer in convention.layers]
     found: dict[str, Found] = {}
     unused: dict[str, str] = {}
-    for layer in (layer for convention in (*order, _cryptomattes(header)) for layer in convention.layers):
-        where = None if layer.buffer in found else _where(layer, layers, prefix)
+    for layer, own in [*ours, *((layer, prefixes) for layer in others)]:
+        where = None if layer.buffer in found else _where(layer, layers, own)
         if where and layer.form.cryptomatte and any(name in half for name in where.channels):
             unused |= dict.fromkeys(where.channels, "a cryptomatte in half floats, which cannot hold its ids")
         elif where and where.target != where.channels and all(name in results for name in where.target):
@@ -480,10 +483,10 @@ def recognise(
         elif where:
             found[layer.buffer] = where
     for name, why in chosen.unused.items():
-        unused |= dict.fromkeys(layers.find(name, prefix) or (), why)
-    for layer in (layer for convention in (*order, _cryptomattes(header)) for layer in convention.layers):
+        unused |= dict.fromkeys(layers.find(name, prefixes) or (), why)
+    for layer in others:
         why = f"another {layer.buffer.replace('_', ' ')}, which is not needed"
-        for channel in chain.from_iterable(layers.find(name, prefix) or () for name in layer.names):
+        for channel in chain.from_iterable(layers.find(name, prefixes) or () for name in layer.names):
             unused.setdefault(channel, why)
     for channel in layers.alpha(found.get("color")):
         unused[channel] = "alpha: kept as it is"
@@ -504,12 +507,18 @@ def recognise(
     )
 
 
-def guesses(unknown: Iterable[str], *, color: bool) -> dict[str, str]:
-    """For layers that are not known, a mapping to the buffer whose known names are nearest; colour only if wanted."""
+def guesses(unknown: Iterable[str], *, color: bool, renderer: str = "") -> dict[str, str]:
+    """For layers that are not known, a mapping to the buffer whose known names are nearest; colour only if wanted.
+
+    None for layers that the renderer has in another form, such as those of an unused view layer: channels alone
+    would not say in which.
+    """
     known = {"normals": "normal", "velocity": "motion", "basecolor": "albedo", "distance": "depth"}
     for layer in (layer for convention in (OURS, COMMON, *CONVENTIONS) for layer in convention.layers):
         for name in layer.names:
             known.setdefault(_plain(_parse(name)[0]), layer.buffer)
+    own = [layer for convention in CONVENTIONS if convention.renderer == renderer for layer in convention.layers]
+    formed = {_parse(name)[0].lower() for layer in own if layer.form != Form() for name in layer.names}
     del known[""]
     layers: dict[str, dict[str, str]] = {}
     for channel in unknown:
@@ -517,7 +526,9 @@ def guesses(unknown: Iterable[str], *, color: bool) -> dict[str, str]:
         layers.setdefault(group or component, {})[component.upper() if group else ""] = channel
     result = {}
     for name, channels in layers.items():
-        near = get_close_matches(_plain(name.rpartition(".")[2]), known, 1, 0.75)
+        last = name.rpartition(".")[2].lower()
+        has_form = bool({last, re.sub(r"\d\d$", "##", last)} & formed)
+        near = [] if has_form else get_close_matches(_plain(last), known, 1, 0.75)
         buffer = known[near[0]] if near else None
         if buffer is None or (buffer == "color" and not color):
             continue
@@ -574,12 +585,15 @@ class _Layers:
         own = [known for known in self.known if f".{known}".endswith(f".{layer}") and self._of(known, components)]
         return sorted(known[: -len(layer)].removesuffix(".") for known in own)
 
-    def find(self, name: str, prefix: str = "", *, exact: bool = False) -> tuple[str, ...] | None:
-        """The channels of a layer with a prefix. Unless `exact`, also without it, and for an empty one with any."""
+    def find(self, name: str, prefixes: Sequence[str] | None = None) -> tuple[str, ...] | None:
+        """The channels of a layer with the first of the prefixes under which it is; by default, with none or any."""
         layer, components = _parse(name)
         if layer == "*":
             return next(filter(None, (self._of(own, components) for own in sorted(self.known))), None)
-        prefixes = [prefix] if exact or not layer else [prefix, ""] if prefix else ["", *self.prefixes(name)]
+        if prefixes is None:
+            prefixes = ["", *self.prefixes(name)]
+        if not layer:
+            prefixes = prefixes[:1]
         return next(filter(None, (self._ranks(_joined(one, layer), components) for one in prefixes)), None)
 
     def alpha(self, color: Found | None) -> list[str]:
@@ -628,8 +642,12 @@ def _plain(name: str) -> str:
     return re.sub(r"[^a-z]", "", name.lower())
 
 
-def _prefix(layers: _Layers, order: Iterable[Convention]) -> tuple[str, list[str]]:
-    """The prefix of the colour and, of several, the one with the most buffers; a remark on the others."""
+def _prefixes(layers: _Layers, order: Iterable[Convention]) -> tuple[list[str], list[str]]:
+    """The prefixes of layers, that of the colour first and, of several, the one with the most buffers; remarks.
+
+    Without one before colour, layers may have any that two buffers share. A single one may be something else, as
+    ``key.emission`` is the light of one lamp.
+    """
     names = {name: one.buffer for convention in order for one in convention.layers for name in one.names}
     under: dict[str, set[str]] = {}
     for name, buffer in names.items():
@@ -641,20 +659,22 @@ def _prefix(layers: _Layers, order: Iterable[Convention]) -> tuple[str, list[str
         if prefix in under or not prefix:
             under.setdefault(prefix, set()).add("color")
     colored = {prefix: len(buffers) for prefix, buffers in under.items() if "color" in buffers}
-    if not colored:
-        return "", []
-    chosen = max(colored, key=lambda prefix: (colored[prefix], not prefix))
+    chosen = max(colored, key=lambda prefix: (colored[prefix], not prefix), default="")
+    if chosen:
+        prefixes = [chosen, ""]
+    else:
+        prefixes = ["", *sorted(prefix for prefix, buffers in under.items() if prefix and len(buffers) > 1)]
     others = [prefix for prefix, count in colored.items() if prefix != chosen and count > 1]
     shown = ", ".join(other or "those without a prefix" for other in others)
-    return chosen, [f"layers of {chosen or 'no prefix'} are used, not {shown}"] if others else []
+    return prefixes, [f"layers of {chosen or 'no prefix'} are used, not {shown}"] if others else []
 
 
-def _where(layer: Layer, layers: _Layers, prefix: str) -> Found | None:
+def _where(layer: Layer, layers: _Layers, prefixes: Sequence[str]) -> Found | None:
     for name in layer.names:
-        channels = layers.find(name, prefix)
+        channels = layers.find(name, prefixes)
         if channels is not None:
-            plus = next(filter(None, (layers.find(other, prefix) for other in layer.plus)), ())
-            target = (layers.find(layer.target, prefix) if layer.target else None) or channels
+            plus = next(filter(None, (layers.find(other, prefixes) for other in layer.plus)), ())
+            target = (layers.find(layer.target, prefixes) if layer.target else None) or channels
             return Found(channels, layer.form, plus, target, layer.note)
     return None
 

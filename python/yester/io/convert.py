@@ -17,6 +17,8 @@ MIXED = 2**32 - 1
 _FAR = 1e9
 #: Pixels by which positions tell their space and the layout of matrices.
 _PROBES = 4096
+#: Share of the larger side by which positions may miss the camera's pixels.
+_OFF = 0.02
 
 Array = NDArray[Any]
 #: A camera, and the matrix from world to camera space.
@@ -162,7 +164,11 @@ def _whole(ids: Array) -> Array:
 
 
 def _view(position: Array | None, form: Form | None, views: list[View]) -> tuple[View | None, str]:
-    """The camera, and the space of what may be in either: those that put positions where they are on the screen."""
+    """The camera, and the space of what may be in either: those that put positions where they are on the screen.
+
+    No camera if none does: positions in half floats are a pixel or two off, those of another camera a good part of the
+    image.
+    """
     likeliest = views[0] if views else None
     if position is None or form is None or form.space != "either" or not views:
         return likeliest, "camera"
@@ -179,7 +185,8 @@ def _view(position: Array | None, form: Form | None, views: list[View]) -> tuple
         offset = np.abs(camera.project(world.astype(np.float32))[0] - pixels).max(-1)
         return float(np.median(np.where(np.isfinite(offset), offset, np.inf)))
 
-    return min(((view, space) for view in views for space in ("camera", "world")), key=error)
+    best = min(((view, space) for view in views for space in ("camera", "world")), key=error)
+    return best if error(best) < max(2.0, _OFF * max(position.shape)) else (None, "camera")
 
 
 def _to_world(buffers: dict[str, Array], forms: Mapping[str, Form], view: View | None, space: str) -> None:
@@ -202,7 +209,8 @@ def _depth(buffers: dict[str, Array], forms: Mapping[str, Form], view: View | No
     """Depth along the camera axis, +inf where nothing was hit."""
     depth: Array = buffers["depth"].astype(np.float32, copy=False)
     form = forms["depth"]
-    miss = {"zero": depth == 0, "far": ~(depth < _FAR), "inf": np.zeros_like(depth, bool)}[form.miss]
+    far = ~(depth < _FAR)
+    miss = {"zero": far | (depth == 0), "far": far, "inf": np.zeros_like(depth, bool)}[form.miss]
     position = buffers.get("position")
     from_position = form.kind == "distance" or form.space == "either"
     if view is not None and position is not None and from_position and not form.near:

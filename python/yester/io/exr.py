@@ -11,9 +11,10 @@ from __future__ import annotations
 import glob
 import os
 import tempfile
+import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib import import_module
 from io import BytesIO
 from pathlib import Path
@@ -92,6 +93,8 @@ class Description:
         By buffer, what the stored components are multiplied by.
     corner : (int, int)
         First column and row of the data window.
+    display : (int, int)
+        Width and height of the display window, of which fractions are those of motion.
     whole : tuple of str
         Buffers of floats that are stored as whole numbers, which `read_exr` refuses.
 
@@ -118,6 +121,7 @@ class Description:
     remarks: tuple[str, ...] = ()
     factors: dict[str, tuple[float, ...]] = field(default_factory=dict)
     corner: tuple[int, int] = (0, 0)
+    display: tuple[int, int] = (0, 0)
     whole: tuple[str, ...] = ()
 
 
@@ -598,7 +602,7 @@ def describe(path: Source, *, mapping: Mapped | None = None, view: str | None = 
         renderer=known.renderer,
         evidence=known.evidence,
         unused=known.unused,
-        guesses=guesses(unrecognised, color="color" not in known.buffers),
+        guesses=guesses(unrecognised, color="color" not in known.buffers, renderer=known.renderer),
         views=contents.views,
         view=contents.view,
         remarks=known.remarks,
@@ -607,6 +611,7 @@ def describe(path: Source, *, mapping: Mapped | None = None, view: str | None = 
             for buffer, found in known.buffers.items()
         },
         corner=(int(left), int(top)),
+        display=(int(across), int(down)),
         whole=tuple(name for name in known.buffers if contents.is_whole(name)),
     )
 
@@ -678,6 +683,8 @@ def read_headers(path: Path, mapping: Mapped | None, view: str | None) -> Conten
     places = _places(headers, [main, *(i for i in parts if i != main)], main)
     others = [i for i in range(len(headers)) if i not in parts]
     bare = _viewless(places, views, default, chosen)
+    skipped = [i for i in parts if i not in {part for part, _ in places.values()}]
+    elsewhere = dict.fromkeys(_places(headers, skipped), "a part with another data window than the colour: not read")
     half = {name for name, (part, own) in places.items() if kinds[part].get(own) == layout.HALF}
     results = {name for name, (part, own) in places.items() if own in _results(headers[part])}
     attributes = {name: value for i in reversed(range(len(headers))) for name, value in headers[i].items()}
@@ -687,6 +694,7 @@ def read_headers(path: Path, mapping: Mapped | None, view: str | None) -> Conten
         known = apply(given, known, places)
     except ValueError as error:
         raise UnsuitedError(f"{path}: {error}") from None
+    known = replace(known, unused=known.unused | elsewhere)
     if known.buffers.get("color"):
         target = places[known.buffers["color"].target[0]][0]
         main = target
@@ -744,17 +752,18 @@ def _viewless(names: Iterable[str], views: tuple[str, ...], default: str, view: 
     """Channels of a view, and those of none, by their names without that of the view.
 
     The view's name is that of the innermost layer ("Storing Multi-View Images in OpenEXR Files", openexr.com).
-    Components without a layer belong to the default view.
+    Components without a layer belong to the default view. Channels of the view come first, as they count where others
+    have the same names.
     """
-    bare = {}
+    bare: dict[str, dict[str, str]] = {view: {}, "": {}}
     for channel in names:
         layer, _, component = channel.rpartition(".")
         outer, _, inner = layer.rpartition(".")
         own = inner if inner in views else "" if layer else default
-        if own in ("", view):
+        if own in bare:
             kept = outer if inner in views else layer
-            bare[channel] = f"{kept}.{component}" if kept else component
-    return bare
+            bare[own][channel] = f"{kept}.{component}" if kept else component
+    return bare[view] | bare[""]
 
 
 def without_colour(path: Path, names: Sequence[str]) -> ValueError:
@@ -780,9 +789,12 @@ def _frame(contents: Contents, parts: dict[int, Any]) -> Frame:
     cameras, jitter = contents.cameras(), contents.jitter()
     try:
         buffers, camera = canonical(known, pixels, cameras, (float(width), float(height)))
-        return Frame(**buffers, camera=camera, jitter=jitter)
+        frame = Frame(**buffers, camera=camera, jitter=jitter)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{path}: {error}") from None
+    if cameras and camera is None:
+        warnings.warn(f"{path}: worldToNDC: not used, as it puts positions elsewhere on the screen", stacklevel=2)
+    return frame
 
 
 def _openexr() -> Any:
@@ -893,10 +905,14 @@ def _cameras(path: Path, header: dict[str, Any]) -> list[View]:
         return []
     height, width = _size(header)
     views: list[View] = []
-    # Imath uses row vectors, but pbrt writes matrices for column vectors into the same attributes.
-    for to_ndc, *to_camera in sorted(([matrix.T for matrix in stored], stored), key=_implausibility):
+    # Imath uses row vectors, but pbrt writes matrices for column vectors into the same attributes. So did Yester 0.2,
+    # but for the usual NDC.
+    layouts = [([matrix.T for matrix in stored], np.eye(4)), (stored, np.eye(4)), (stored, _pbrt_to_ndc(header))]
+    if "renderTimeSeconds" in header:
+        layouts.reverse()
+    for (to_ndc, *to_camera), usual in sorted(layouts, key=lambda layout: _implausibility(layout[0])):
         try:
-            camera = Camera(_NDC_TO_CLIP @ _crop(header) @ to_ndc, width, height)
+            camera = Camera(_NDC_TO_CLIP @ _crop(header) @ usual @ to_ndc, width, height)
         except ValueError as error:
             if not views:
                 raise ValueError(f"{path}: worldToNDC: {error}") from None
@@ -912,6 +928,15 @@ def _crop(header: dict[str, Any]) -> NDArray[np.float64]:
     crop = np.eye(4)
     crop[[0, 1], [0, 1]], crop[:2, 3] = display_size / data_size, (display - data) / data_size
     return crop
+
+
+def _pbrt_to_ndc(header: dict[str, Any]) -> NDArray[np.float64]:
+    """The matrix to NDC from what pbrt calls so, where the shorter side of the display spans 0 to 1, with y up."""
+    size = _window(header, "displayWindow")[1]
+    usual = np.eye(4)
+    for axis, scale in enumerate(np.array([1, -1]) * size.min() / size):
+        usual[axis, axis], usual[axis, 3] = scale, 0.5 - 0.5 * scale
+    return usual
 
 
 def _jitter(path: Path, header: dict[str, Any]) -> tuple[float, float] | None:

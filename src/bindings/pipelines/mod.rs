@@ -30,8 +30,8 @@ use crate::pipelines::{self, Extras, Pipeline as _, Svgf};
 
 /// Base class of pipelines, which process a sequence frame by frame.
 ///
-/// The `repr` is the constructor call with the given parameters. Copies (shallow or deep) and unpickled objects are
-/// made by this call: they have the same parameters, no history, and start a new sequence.
+/// The `repr` is the constructor call with the given parameters (``inf`` is `math.inf`). Copies (shallow or deep) and
+/// unpickled objects are made by this call: they have the same parameters, no history, and start a new sequence.
 ///
 /// Parameters
 /// ----------

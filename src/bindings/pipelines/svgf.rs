@@ -333,7 +333,7 @@ impl SVGF {
     /// Make the pipeline without its output stage, and the stage.
     ///
     /// Both are without history. One after the other, they give the results of the whole, if the stage gets the frame's
-    /// colour as `samples`, and follows the `motion` of the denoiser's output.
+    /// colour as `samples`, and the `motion` and `confidence` of the denoiser's output.
     ///
     /// Parameters
     /// ----------

@@ -17,9 +17,10 @@
 //! from 0 to 1. It is Wiener's share of p − m that is not noise; C, from 0 to N/2, is the noise that m shares with p, as one
 //! of the samples that it was made of.
 //!
-//! **Evidence.** Tiles of 8×8 sum the products, weighted by 1 / (⟨y y⟩ + ⟨p p⟩ + (e/1024)²) of the frame for the exposure e,
-//! so that no single frame decides, and the number n of their pixels. It is carried and averaged as in [`super::choice`].
-//! Where n is below 16, λ and g are 0.
+//! **Evidence.** Tiles of 8×8 sum the products, weighted by 1 / (max(⟨y y⟩ + ⟨p p⟩, ⟨q q⟩, ⟨a a⟩, ⟨b b⟩) + (e/1024)²) of the
+//! frame for the exposure e, and the number n of their pixels. So no single frame decides, not even one in which a flash is
+//! gone from samples but not from results. It is carried and averaged as in [`super::choice`]. Where n is below 16, λ and g
+//! are 0.
 //!
 //! Inputs: luminances of y, p, q, a and b (5), motion (2), coverage (1), evidence (14; of an eighth of the size). Outputs:
 //! λ and g (2) and evidence, of an eighth of the size.
@@ -50,8 +51,8 @@ const PAIRS: [[usize; 2]; 13] = [
     [4, 4],
     [3, 4],
 ];
-/// Places in [`PAIRS`] of the energies of y, p, a and b.
-const ENERGIES: [usize; 4] = [0, 3, 8, 11];
+/// Places in [`PAIRS`] of the planes' energies.
+const ENERGIES: [usize; PLANES] = [0, 3, 5, 8, 11];
 /// Channels of a tile's evidence: the products, and the number of pixels.
 pub const CHANNELS: usize = PAIRS.len() + 1;
 /// Of a tile's mixture: λ and g.
@@ -122,7 +123,7 @@ pub fn shares(
 pub fn share_of_all(evidence: &Interleaved) -> [f32; SHARES] {
     let mut sums = [0.0; CHANNELS];
     for tile in evidence.pixels().elements().0.chunks_exact(CHANNELS) {
-        let [y, p, a, b] = ENERGIES.map(|k| f64::from(tile[k]));
+        let [y, p, _, a, b] = ENERGIES.map(|k| f64::from(tile[k]));
         let share = (y + p) / (y + p + a + b);
         let share = if share.is_finite() { share } else { 1.0 };
         let (products, count) = sums.split_at_mut(PAIRS.len());
@@ -227,10 +228,12 @@ impl<L> Collocate<'_, L> {
     #[inline(always)]
     fn weigh(&self, sums: &[f32; CHANNELS], evidence: &mut [f32]) {
         let (products, n) = (&sums[..PAIRS.len()], sums[PAIRS.len()]);
-        if n == 0.0 {
+        let [y, p, q, a, b] = ENERGIES.map(|k| products[k]);
+        let energy = [q, a, b].into_iter().fold(y + p, larger);
+        if n == 0.0 || energy.is_infinite() {
             return;
         }
-        let weight = 1.0 / ((products[0] + products[3]) / n + self.quiet);
+        let weight = 1.0 / (energy / n + self.quiet);
         for (evidence, product) in evidence.iter_mut().zip(products) {
             *evidence += weight * product;
         }
