@@ -245,16 +245,46 @@ def test_images_of_one_row(size):
     assert "wrong" not in [finding.verdict for finding in yester.check(frames)]
 
 
+def bands(count, height, width):
+    """Ids of so many objects, one above the other."""
+    return np.broadcast_to(1 + np.arange(height)[:, None] * count // height, (height, width))
+
+
 @pytest.mark.parametrize("missing", [np.nan, np.inf, 1e30])
 def test_missing_normals_tell_nothing_about_albedo(missing):
     frames = slow(0.006)
     frames = [replace(frame, albedo=0.1 + 0.8 * abs(frame.normal[..., :1]) * [1, 1, 1]) for frame in frames]
-    frames = [replace(frame, color=frame.albedo) for frame in frames]
+    frames = [replace(frame, color=0.9 * frame.albedo, ids=bands(3, *frame.shape)) for frame in frames]
     lit = yester.check(frames)[5]
     assert lit.verdict == "wrong"
     for frame in frames:
         frame.normal[:2] = missing
     assert yester.check(frames)[5].stored == lit.stored
+
+
+@pytest.mark.parametrize("objects", [1, 2, 3])
+def test_paint_that_follows_normals(objects):
+    """In even light, colour follows paint. A few objects may be painted by their normals; more are not by chance."""
+    frames = slow(0.006)
+    ids = bands(objects, *frames[0].shape)
+    paint = [0.1 + 0.8 * abs(frame.normal[..., :1]) * [1, 1, 1] for frame in frames]
+    frames = [replace(f, albedo=a, color=0.9 * a, ids=ids) for f, a in zip(frames, paint, strict=True)]
+    assert yester.check(frames)[5].verdict == ("wrong" if objects == 3 else "unclear")
+    frames = [replace(frame, color=frame.albedo) for frame in frames]
+    albedo = yester.check(frames)[5]
+    assert (albedo.verdict, albedo.stored) == ("wrong", "contains lighting: it is the colour")
+
+
+def test_fractions_of_the_display():
+    """Of a crop, motion in fractions is that of the image from which it was cut."""
+    (mistake,) = [m for m in MISTAKES if m.name == "NDC, y up" and "camera" in m.buffers]
+    frames = mistake.make(sequence())
+    usual = yester.check_motion(frames)
+    height, width = frames[0].shape
+    larger = [replace(f, motion=f.motion[..., :2] * [width / (2 * width), height / (4 * height)]) for f in frames]
+    found = yester.check_motion(larger, display=(2 * width, 4 * height))
+    assert (found.stored, found.remedy) == (usual.stored, usual.remedy)
+    assert yester.check_motion(larger).stored != usual.stored
 
 
 def test_command(tmp_path, capsys):

@@ -286,6 +286,60 @@ def test_every_renderer_is_told_by_its_layers(tmp_path, shot):
         assert told.evidence.startswith("channels ")
 
 
+def test_layers_of_a_user_do_not_displace_those_of_the_renderer(tmp_path, shot):
+    """In Blender they have the view layer's name in front. Layers without it have been added for us."""
+    layouts.cycles(tmp_path / "a.exr", shot)
+    planes = {n: c.pixels for n, c in OpenEXR.File(str(tmp_path / "a.exr"), separate_channels=True).channels().items()}
+    other = np.full(shot.shape, 7, np.float32)
+    own = {f"ViewLayer.{name}.{c}": other for name in ("albedo", "emission") for c in "RGB"}
+    header = {"BlenderMultiChannel": "Blender V2.55.1 and newer"}
+    layouts.store(tmp_path / "b.exr", planes | own, header)
+    usual = io.describe(tmp_path / "a.exr").channels
+    assert io.describe(tmp_path / "b.exr").channels == usual
+    layouts.store(tmp_path / "c.exr", planes | {f"albedo.{c}": other for c in "RGB"}, header)
+    assert io.describe(tmp_path / "c.exr").channels == usual | {"albedo": ("albedo.R", "albedo.G", "albedo.B")}
+    no_emission = {name: plane for name, plane in planes.items() if ".Emi" not in name and ".Env" not in name}
+    layouts.store(tmp_path / "d.exr", no_emission | own, header)
+    assert "emission" not in io.describe(tmp_path / "d.exr").channels
+
+
+def test_what_has_a_prefix_of_its_own_is_something_else():
+    """The emission of one lamp, the depth of shadows; but a group of guides may have a name."""
+    lone = channels.recognise([*"RGB", "key.emission.R", "key.emission.G", "key.emission.B", "shadow.depth.Z"])
+    assert lone.buffers.keys() == {"color"}
+    group = channels.recognise([*"RGB", *(f"guides.normal.{c}" for c in "XYZ"), "guides.depth.Z", "shadow.depth.Z"])
+    assert group.buffers["normal"].channels == ("guides.normal.X", "guides.normal.Y", "guides.normal.Z")
+    assert group.buffers["depth"].channels == ("guides.depth.Z",)
+
+
+def test_denoising_depth_of_blender(tmp_path, shot):
+    """The distance along the ray, with 0 where nothing was hit."""
+    layouts.cycles(tmp_path / "a.exr", shot)
+    planes = {n: c.pixels for n, c in OpenEXR.File(str(tmp_path / "a.exr"), separate_channels=True).channels().items()}
+    del planes["ViewLayer.Depth.Z"], planes["ViewLayer.Position.X"]
+    distance = np.linalg.norm(shot.position - shot.camera.position, axis=-1)
+    planes["ViewLayer.Denoising Depth.Z"] = np.where(hit(shot), distance, 0).astype(np.float32)
+    header = {"BlenderMultiChannel": "Blender V2.55.1 and newer"}
+    layouts.store(tmp_path / "b.exr", planes, header)
+    depth = io.read_exr(tmp_path / "b.exr").depth  # a distance, as there is no camera
+    np.testing.assert_array_equal(np.isinf(depth), ~hit(shot))
+    np.testing.assert_allclose(depth[hit(shot)], distance[hit(shot)], rtol=1e-6)
+
+
+def test_parts_with_another_window_are_told(tmp_path):
+    color = OpenEXR.Part({}, {c: np.ones((8, 12), np.float32) for c in "RGB"}, "rgba")
+    small = {"dataWindow": (np.array([0, 0], np.int32), np.array([11, 5], np.int32))}
+    depth = OpenEXR.Part(
+        small | {"displayWindow": (np.zeros(2, np.int32), np.array([11, 7], np.int32))},
+        {"Z": np.ones((6, 12), np.float32)},
+        "depth",
+    )
+    OpenEXR.File([color, depth]).write(str(tmp_path / "a.exr"))
+    known = io.describe(tmp_path / "a.exr")
+    assert "depth" in known.missing
+    assert known.unused == {"depth.Z": "a part with another data window than the colour: not read"}
+
+
 def test_layers_of_two_renderers(tmp_path, shot):
     layouts.cycles(tmp_path / "a.exr", shot)
     planes = OpenEXR.File(str(tmp_path / "a.exr"), separate_channels=True).channels()
@@ -334,11 +388,24 @@ def test_views(tmp_path):
     io.write_exr(tmp_path / "b.exr", np.full((4, 6, 3), 7.0), like=io.read_plate(path, view="right"))
     assert (io.read_exr(tmp_path / "b.exr").color == 1).all()
     assert (io.read_exr(tmp_path / "b.exr", view="right").color == 7).all()
+
     with pytest.raises(ValueError, match=r"a\.exr: view: expected left or right, got 'middle'"):
         io.read_exr(path, view="middle")
     io.write_exr(path, np.ones((4, 6, 3)))
     with pytest.raises(ValueError, match="the file has no views"):
         io.read_exr(path, view="left")
+
+
+@pytest.mark.parametrize("view", ["left", "right"])
+def test_layers_of_the_view_count_before_those_of_none(tmp_path, view):
+    right, left = (np.full((4, 6), value, np.float32) for value in (1, 2))
+    planes = dict.fromkeys("RGB", right) | dict.fromkeys([f"left.{c}" for c in "RGB"], left)
+    planes |= {"depth.Z": right, "depth.left.Z": left}
+    header = {"multiView": ["right", "left"]}
+    OpenEXR.File(header, {n: p.copy() for n, p in planes.items()}).write(str(tmp_path / "a.exr"))
+    frame = io.read_exr(tmp_path / "a.exr", view=view)
+    assert (frame.color[..., 0] == frame.depth).all()
+    assert (frame.depth == {"right": 1, "left": 2}[view]).all()
 
 
 def test_views_in_parts(tmp_path):
