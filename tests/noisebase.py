@@ -1,6 +1,7 @@
 """Writes small stores in the layout of Noisebase's training and test sets, from the sequence that tests render."""
 
 import sys
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
@@ -75,9 +76,17 @@ def save(path: Path, named: dict[str, NDArray[Any]], *, single: bool = False) ->
     store.close()
 
 
-def training(path: Path, frames: int = 4, size: tuple[int, int] = (54, 96), window: tuple[int, int] = (32, 40)) -> None:
-    """A store of a sequence."""
+def training(
+    path: Path,
+    frames: int = 4,
+    size: tuple[int, int] = (54, 96),
+    window: tuple[int, int] = (32, 40),
+    empty: Collection[int] = (),
+) -> None:
+    """A store of a sequence; in `empty` frames, nothing was hit."""
     made = [arrays(frame, size, window) for frame in range(frames)]
+    for frame in empty:
+        made[frame]["normal"] *= 0
     save(path, {name: np.stack([each[name] for each in made]) for name in made[0]})
 
 

@@ -19,6 +19,7 @@ import pytest
 import yester
 from compare import assert_close
 from PIL import Image
+from yester.batch import Batch
 from yester.cli import main
 from yester.io import read_exr, write_exr
 
@@ -54,6 +55,22 @@ def refused(*arguments):
     (line,) = errors.getvalue().splitlines()
     assert line.startswith("yester: error: ")
     return line
+
+
+def test_two_runs_into_one_folder(tmp_path):
+    """The second one does not replace what the first one writes meanwhile."""
+    paths = [tmp_path / "in" / f"{i}.exr" for i in range(3)]
+    (tmp_path / "in").mkdir()
+    for path in paths:
+        write_exr(path, yester.Frame(np.ones((4, 5, 3))))
+    one, other = (Batch(paths, tmp_path / "out", {}) for _ in range(2))
+    for each in (one, other):
+        each.prepare(resume=False, overwrite=False)
+    read = other.process(lambda frames, _: ((frame, ()) for frame in frames))
+    next(read)
+    with pytest.raises(FileExistsError, match=r"out/0\.exr: another run has written it meanwhile"):
+        next(one.process(lambda frames, _: ((frame, ()) for frame in frames)))
+    assert len([*read]) == 2
 
 
 def frames_of(folder):

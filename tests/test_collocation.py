@@ -257,7 +257,7 @@ def test_a_flash_does_not_decide_for_long(plane, bright):
     rng = np.random.default_rng(3)
     truth = rng.random((64, 64, 1))
     evidence = None
-    for t in range(24):
+    for t in range(40):
         noisy = truth + rng.normal(size=(64, 64, 3))
         planes = np.dstack([noisy, truth, truth + rng.normal(size=truth.shape) / 2])
         if t == 4:

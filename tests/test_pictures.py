@@ -45,7 +45,7 @@ def test_png(tmp_path):
 def test_animations(tmp_path, kind):
     """The frames come back, but for compression; an odd size is kept or padded."""
     images = [np.full((11, 13, 3), (0.1 * i, 0.5, 0.2), np.float32) for i in range(5)]
-    path = tmp_path / f"film{kind}"
+    path = tmp_path / f"take:1{kind}"
     write_animation(path, iter(images), fps=10)
     if kind == ".webp":
         with Image.open(path) as film:
@@ -61,6 +61,7 @@ def test_animations(tmp_path, kind):
         about = subprocess.run([program, "-hide_banner", "-i", path], capture_output=True, text=True).stderr
         assert "Video: h264" in about
         assert "10 fps" in about
+        assert "yuv420p(tv, bt709/bt709/iec61966-2-1" in about
         decode = [program, "-loglevel", "error", "-i", path, "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
         raw = subprocess.run(decode, capture_output=True, check=True).stdout
         found = np.frombuffer(raw, np.uint8).reshape(-1, 12, 14, 3)
@@ -103,6 +104,12 @@ def test_slowest_and_fastest_animations(tmp_path):
             assert film.info["duration"] == duration
         write_animation(tmp_path / "a.mp4", images, fps=fps)
         assert (tmp_path / "a.mp4").stat().st_size > 0
+
+
+def test_a_size_that_webp_lacks(tmp_path):
+    with pytest.raises(ValueError, match="expected at most 16383 pixels a side for WebP, got 16384 x 2"):
+        write_animation(tmp_path / "a.webp", [np.zeros((2, 16384, 3))])
+    assert not any(tmp_path.iterdir())
 
 
 def test_a_size_that_h264_lacks(tmp_path):

@@ -155,12 +155,12 @@ def test_half_size():
         "variance": np.full((3, 3), 4, np.float32),
     }
     small = halve(images, depth)
-    # The last column and row count twice.
+    # Of the last column and row, blocks have two pixels, and the last one has one.
     np.testing.assert_array_equal(small["color"][0, 0], (images["color"][:2, :2]).mean((0, 1)))
     np.testing.assert_array_equal(small["color"][1, 1], images["color"][2, 2])
     np.testing.assert_array_equal(small["ids"], [[3, 5], [6, 8]])
     np.testing.assert_array_equal(small["motion"][0], images["motion"][1, [0, 2]] / 2)
-    np.testing.assert_array_equal(small["variance"], np.ones((2, 2)))
+    np.testing.assert_array_equal(small["variance"], [[1, 2], [2, 4]])
     assert small["ids"].dtype == np.uint32
     np.testing.assert_array_equal(halve(images)["ids"], [[0, 2], [6, 8]])
 
@@ -177,6 +177,16 @@ def test_half_size_of_missing_samples():
     np.testing.assert_array_equal(small["demodulated"], [[[2] * 3, [0] * 3]])
     np.testing.assert_array_equal(small["variance"], [[2, 6]])
     np.testing.assert_array_equal(small["history"], [[2.5, 4.5]])
+
+
+def test_half_size_of_history_that_is_not_there():
+    """Where nothing was carried there is no black history."""
+    history, validity = np.array([[4, 4, 0], [0, 0, 0]], np.float32), np.array([[1, 0.5, 0], [0, 0, 0]], np.float32)
+    images = {"history": history, "validity": validity, "history_length": validity}
+    small = halve(images, validity=validity)
+    np.testing.assert_array_equal(small["history"], [[4, 0]])
+    np.testing.assert_array_equal(small["validity"], [[0.375, 0]])
+    np.testing.assert_array_equal(halve(images)["history"], [[2, 0]])
 
 
 def test_half_size_of_buffers_that_are_not_finite():
@@ -247,6 +257,20 @@ def test_stores_are_what_was_rendered(tmp_path, single):
             # The window has moved as well.
             motion[..., :2] += np.subtract(noisebase.offset(index), noisebase.offset(index - 1))[::-1]
         assert_close("motion", frame.motion, motion, rtol=1e-4)
+
+
+@pytest.mark.parametrize("empty", [(0,), (1,), (0, 1)])
+def test_frames_of_a_store_in_which_nothing_was_hit(tmp_path, empty):
+    """The size of the whole image is that of the others."""
+    noisebase.training(tmp_path / "a.zip")
+    whole = [frame for frame, _ in read_noisebase(tmp_path / "a.zip")]
+    noisebase.training(tmp_path / "b.zip", empty=empty)
+    for index, (frame, _) in enumerate(read_noisebase(tmp_path / "b.zip")):
+        np.testing.assert_allclose(frame.camera.world_to_clip, whole[index].camera.world_to_clip)
+        assert np.isinf(frame.depth).all() == (index in empty)
+    noisebase.training(tmp_path / "c.zip", empty=range(len(whole)))
+    with pytest.raises(ValueError, match=r"c\.zip: position: nothing was hit"):
+        next(read_noisebase(tmp_path / "c.zip"))
 
 
 def test_damaged_stores_are_named(tmp_path):
@@ -456,6 +480,29 @@ def test_links_are_followed(tmp_path):
     (tmp_path / "far" / "a" / "up").symlink_to(tmp_path / "far")
     found, aside = find_sequences(tmp_path / "in")
     assert ([source.name for source in found], aside) == (["one/a", "two"], {})
+
+
+def test_a_set_behind_a_link_in_the_inputs_is_refused(tmp_path):
+    """A later run would read it."""
+    write(tmp_path / "far" / "shots" / "a", still(1))
+    (tmp_path / "in").mkdir()
+    (tmp_path / "in" / "all").symlink_to(tmp_path / "far")
+    for place in ("far/set", "far/shots/set", "far/shots/a/set"):
+        with pytest.raises(ValueError, match=r"set: lies in .*/in/all.*, which is read"):
+            prepare(tmp_path / "in", tmp_path / place, buffers=["color"], jobs=1)
+        assert not (tmp_path / place).exists()
+    prepare(tmp_path / "in", tmp_path / "far2", buffers=["color"], jobs=1)
+
+
+def test_two_eyes_in_a_folder_are_two_sequences(tmp_path):
+    for i, frame in enumerate(shots(3)):
+        for eye in "LR":
+            (tmp_path / "in").mkdir(exist_ok=True)
+            write_exr(tmp_path / "in" / f"{i:03}_{eye}.exr", frame)
+    found, _ = find_sequences(tmp_path / "in")
+    assert [[path.name for path in source.files] for source in found] == [
+        [f"{i:03}_{eye}.exr" for i in range(3)] for eye in "LR"
+    ]
 
 
 def test_folders_that_cannot_be_read_are_set_aside(inputs, monkeypatch):
@@ -836,6 +883,28 @@ def test_wrong_parameters(inputs, tmp_path, named, words):
     with pytest.raises(ValueError, match=words):
         prepare(inputs, tmp_path / "out", **named)
     assert not (tmp_path / "out").exists()
+
+
+def test_what_16_bits_do_not_hold_is_told(tmp_path):
+    frames = still(2)
+    frames[1].color[2, 3] = 2e5
+    write(tmp_path / "in", frames)
+    with pytest.warns(UserWarning, match="in: color: values beyond ±65504"):
+        prepare(tmp_path / "in", tmp_path / "out", buffers=["color", "history"], half=True, jobs=1)
+    warned = json.loads((tmp_path / "out" / "in" / "manifest.json").read_text())["warnings"]
+    assert warned == ["color: values beyond ±65504 are stored as that, as 16 bits have no more"]
+
+
+@pytest.mark.parametrize("format", ["zarr", "exr"])
+def test_the_space_is_enough_for_small_images(tmp_path, format):
+    """Every file takes a block of the file system at least."""
+    write(tmp_path / "in", still(30, 4, 3))
+    sources, _ = find_sequences(tmp_path / "in")
+    prepare(tmp_path / "in", tmp_path / "out", sizes=("full", "half"), format=format, jobs=1)
+    taken = sum(path.stat().st_blocks * 512 for path in (tmp_path / "out").rglob("*"))
+    images = json.loads((tmp_path / "out" / "manifest.json").read_text())["parameters"]["buffers"]
+    parameters = run.Parameters(tuple(images), ("full", "half"), None, 1, 0, False, format, False, None, None)
+    assert taken < parameters.bytes(sources[0].look())
 
 
 def test_space_is_looked_at_first(inputs, tmp_path, monkeypatch):

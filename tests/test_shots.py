@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from yester.io.shots import breaks, natural, words
+from yester.io.shots import breaks, by_shots, natural
 
 CASES = {
     "one shot": (["a.0008.exr", "a.0009.exr", "a.0010.exr"], {}),
@@ -21,6 +21,14 @@ CASES = {
     "steps of each shot": (["a0.exr", "a2.exr", "a4.exr", "b0.exr", "b1.exr", "b2.exr"], {3: "not the same shot"}),
     "backwards": (["a.2.exr", "a.1.exr"], {1: "numbers jump"}),
     "twice": (["a.1.exr", "a.01.exr"], {1: "not the same shot"}),
+    "two series of the same numbers": (
+        ["a.1.exr", "a.01.exr", "a.2.exr", "a.02.exr"],
+        {1: "the same frame number", 2: "one of two files with the same", 3: "the same frame number"},
+    ),
+    "once twice": (
+        ["a.1.exr", "a.2.exr", "a.02.exr", "a.3.exr", "a.4.exr"],
+        {2: "the same frame number", 3: "one of two files"},
+    ),
     "two shots": (["a1.exr", "a2.exr", "b1.exr", "b2.exr"], {2: "not the same shot"}),
     "two numbered shots": (["s1_4.exr", "s1_5.exr", "s2_1.exr", "s2_2.exr"], {2: "not the same shot"}),
     "shots that meet": (["s1_4.exr", "s1_5.exr", "s2_5.exr", "s2_6.exr"], {2: "not the same shot"}),
@@ -51,7 +59,7 @@ def test_breaks(name):
 def test_words_tell_shots_apart():
     """As of two eyes, whose files take turns in natural order."""
     names = [f"{number:03}_{eye}.exr" for number in range(1, 4) for eye in "LR"]
-    paths = sorted(map(Path, names), key=lambda path: (words(path), natural(path)))
+    paths = by_shots(map(Path, names))
     assert [path.name for path in paths] == [*names[::2], *names[1::2]]
     assert list(breaks(paths)) == [3]
 

@@ -2,12 +2,14 @@
 
 import multiprocessing
 
+import drjit
 import flight
 import mitsuba as mi
 import numpy as np
 import pytest
 import torch
 import yester
+from yester import metrics
 from yester.mitsuba import Denoiser
 from yester.tensors import channels_first, channels_last
 
@@ -108,18 +110,25 @@ def test_tensors_of_mitsuba():
     [
         yester.Frame,
         lambda x: yester.demodulate(x, np.ones((*SIZE, 3))),
-        lambda x: yester.atrous(np.ones((*SIZE, 3)), x[..., 0]),
+        lambda x: yester.exposure(x),
+        lambda x: metrics.psnr(x, np.ones((*SIZE, 3))),
         channels_last,
         channels_first,
     ],
 )
-def test_gradients_are_refused(take):
+def test_gradients_are_refused(take, monkeypatch):
     """With a sentence that says what to do; not detached silently."""
     with pytest.raises(TypeError, match=r"expected an array, got a tensor that needs gradients: pass x\.detach\(\)"):
         take(torch.rand(*SIZE, 3, requires_grad=True))
     with pytest.raises(TypeError, match=r"got a tensor that needs gradients"):
         take(torch.rand(*SIZE, 3, requires_grad=True) * 2)
     take(torch.rand(*SIZE, 3, requires_grad=True).detach())
+    # Variants with gradients need LLVM, which not every machine has.
+    color = mi.TensorXf(np.ones((*SIZE, 3), np.float32))
+    take(color)
+    monkeypatch.setattr(drjit, "grad_enabled", lambda given: given is color)
+    with pytest.raises(TypeError, match=r"expected an array, got a tensor that needs gradients: pass drjit\.detach"):
+        take(color)
 
 
 def test_what_numpy_lacks():

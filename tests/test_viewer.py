@@ -178,6 +178,19 @@ def test_frames_that_do_not_match(folders, tmp_path):
     assert frame.read_bytes() == kept
 
 
+def test_frames_that_are_left_out_or_have_other_numbers(folders, tmp_path):
+    image = np.ones((HEIGHT, WIDTH, 3))
+    for folder, numbers in (("a", range(4)), ("b", range(2, 6)), ("c", range(4, 8))):
+        (tmp_path / folder).mkdir()
+        for i in numbers:
+            write_exr(tmp_path / folder / f"{'cx'[folder == 'c']}_{i}.exr", image)
+    with pytest.warns(UserWarning, match="are left out") as told:
+        assert write_comparison(tmp_path / "p.html", {"a": tmp_path / "a", "b": tmp_path / "b"}) == ["2", "3"]
+    assert [str(one.message).split(",")[0] for one in told] == [f"sources: 2 files of {folder}" for folder in "ab"]
+    with pytest.warns(UserWarning, match=r"paired by their order, with other numbers: .*c_0\.exr beside .*x_4\.exr"):
+        write_comparison(tmp_path / "q.html", {"a": tmp_path / "a", "c": tmp_path / "c"})
+
+
 def test_names():
     given = Path("/a/noisy"), Path("/b/noisy"), Path("/b/clean")
     assert list(names_of(given)) == ["a/noisy", "b/noisy", "b/clean"]

@@ -1973,10 +1973,10 @@ def reproject(
     Returns
     -------
     values : float32 array like `history`, or list of such
-        The weighted mean of the valid taps; 0 where there is none.
+        The weighted mean of the valid taps; 0 where less than 0.01 of the footprint is valid and no fallback applies.
     coverage : (H, W) float32
         The valid fraction of the footprint, 0 to 1: the 2×2 weights times their trust, summed, or, where the fallback
-        applied, the fraction of the 3×3 window's pixels. 0 where there is no history.
+        applied, the fraction of the 3×3 window's pixels. 0 where there is no history, or less than 0.01 of it.
 
     Raises
     ------
@@ -2099,10 +2099,10 @@ def reproject(
     Returns
     -------
     values : float32 array like `history`, or list of such
-        The weighted mean of the valid taps; 0 where there is none.
+        The weighted mean of the valid taps; 0 where less than 0.01 of the footprint is valid and no fallback applies.
     coverage : (H, W) float32
         The valid fraction of the footprint, 0 to 1: the 2×2 weights times their trust, summed, or, where the fallback
-        applied, the fraction of the 3×3 window's pixels. 0 where there is no history.
+        applied, the fraction of the 3×3 window's pixels. 0 where there is no history, or less than 0.01 of it.
 
     Raises
     ------
@@ -2652,9 +2652,11 @@ def temporal_gradient(
     Notes
     -----
     With the difference of luminances δ and the larger of them m, blurred means ⟨·⟩, and the standard error s of ⟨δ⟩:
-    ``clamp((|⟨δ⟩| - noise s) / ⟨m⟩, 0, 1)``. The first pass averages cells of 2×2 pixels, whose pixels all get their
-    gradient; the others blur cells by {1, 2, 1}/4 kernels at steps of 1, 2, 4, … cells. The original (Schied et al.
-    [1]_) has cells of 3×3, exact gradients, and no margin for noise.
+    ``clamp((|⟨δ⟩| - noise s) / ⟨m⟩, 0, 1)`` with ``s² = (⟨δ²⟩ - ⟨δ⟩²) K / w``, w the blurred number of a cell's pixels
+    that count, up to 4, and K the sum of squares of all blurs' kernels convolved, 1 without a blur. The first pass
+    averages cells of 2×2 pixels, whose pixels all get their gradient; the others blur cells by {1, 2, 1}/4 kernels at
+    steps of 1, 2, 4, … cells. The original (Schied et al. [1]_) has cells of 3×3, exact gradients, and no margin for
+    noise.
 
     References
     ----------
@@ -2876,7 +2878,8 @@ def collocate(
     -----
     The detail of a plane is its difference from the mean of the 3×3 pixels. With the planes numbered from 0, the
     products are those of 00, 01, 02, 11, 12, 22, 03, 13, 33, 04, 14, 44 and 34. A frame's sums in a tile of n pixels
-    have the weight ``1 / (max(Σ₀₀ + Σ₁₁, Σ₂₂, Σ₃₃, Σ₄₄) / n + (exposure / 1024)²)``, so that no frame decides alone.
+    have the weight ``1 / (max(Σ₀₀ + Σ₁₁, Σ₂₂/16, Σ₃₃/16, Σ₄₄/16) / n + (exposure / 1024)²)``, so that no frame decides
+    alone; the tile adds nothing if a sum is infinite.
 
     Examples
     --------
@@ -3340,11 +3343,12 @@ def blend(
     Notes
     -----
     First `flicker`, of Karis [1]_: with ``k = lerp(flicker, 1, d)`` and d the distance of history's luminance from the
-    nearer end of the neighbourhood's range, in half ranges, alpha becomes ``alpha (k + alpha (1 - k))``. Then the
-    weighting. "none": ``h + alpha (c - h)``. "tone" is Karis's, too. It darkens the edges of lamps, as most samples
-    that hit one count for little there; "local-tone", our own, does so less. Missing pixels are left out of its mean,
-    and negative luminances count as 0. "luminance": the same as "none" with ``lerp(min(4 alpha, 1), alpha, (1 - d)²)``
-    for alpha and ``d = min(|l - l'| / max(l, l', 0.2 exposure), 1)``, as in INSIDE [2]_.
+    nearer end of the neighbourhood's range, in half ranges, 0 beyond and 1 if there is no range, alpha becomes
+    ``alpha (k + alpha (1 - k))``. Then the weighting. "none": ``h + alpha (c - h)``. "tone" is Karis's, too. It darkens
+    the edges of lamps, as most samples that hit one count for little there; "local-tone", our own, does so less.
+    Missing pixels are left out of its mean, and negative luminances count as 0. "luminance": the same as "none" with
+    ``lerp(min(4 alpha, 1), alpha, (1 - d)²)`` for alpha and ``d = min(|l - l'| / max(l, l', 0.2 exposure), 1)``, as in
+    INSIDE [2]_.
 
     References
     ----------
@@ -3398,7 +3402,7 @@ def accumulate(
         Smallest weight of the new sample in the moments.
     warmup : bool, default True
         Give the N-th sample a weight of 1/N until that falls to `alpha`, so that the first samples are averaged
-        equally; otherwise the weight is `alpha` from the second sample on.
+        equally; otherwise the weight is `alpha`, above 0, from the second sample on.
     out : tuple of (H, W, 3), (H, W, 2) and (H, W) float32 arrays, optional
         Written and returned, as colour, moments and length, instead of new arrays; they may be inputs. A part may be
         None.
@@ -3485,7 +3489,8 @@ def resample(
     weight : (H', W') float32
         Density of samples near each pixel of the grid, in samples per pixel: each sample contributes a normal
         distribution with a standard deviation of 0.33 pixels of the grid. The average over offsets is the ratio of the
-        pixel counts; on a finer grid the maximum is 1.46, where a sample hits a pixel's centre.
+        pixel counts; on a finer grid the maximum is 1.46, where a sample hits a pixel's centre. Of a coarser grid, the
+        4×4 samples around each pixel count alone, so that the average is lower from half the resolution on.
 
     Raises
     ------
@@ -3784,9 +3789,9 @@ def estimate_variance(
 
     Notes
     -----
-    A history of at least `min_length` gives ``m2 - m1²``. A shorter one takes the moments' means over the window,
-    weighted as in `atrous` but for kernel and luminance, and multiplies the variance by ``min_length / max(N, 1)``, as
-    SVGF does ([1]_, section 4.2, and its implementation in Falcor [2]_).
+    A history of at least `min_length` gives ``m2 - m1²``. A shorter one, or one without valid moments, takes the
+    moments' means over the window, weighted as in `atrous` but for kernel and luminance, and multiplies the variance by
+    ``max(min_length / max(N, 1), 1)``, as SVGF does ([1]_, section 4.2, and its implementation in Falcor [2]_).
 
     References
     ----------
@@ -3901,7 +3906,8 @@ def atrous(
       ``½ Σ min(|n₋ - n|², |n₊ - n|², ⅓|n₋ - 2n + n₊|²)`` over those axes along which both neighbours are of the
       pixel's surface,
     - ``ez = |w' - w - ∇w·Δ| / (sigma_plane w + sigma_depth r |∇w|₁)``, where ``w = 1/Z`` is linear in the image on a
-      plane, r is the reach of the pass in pixels, and ∇w has the smaller one-sided differences,
+      plane, r is the reach of the pass in pixels, and ∇w has the smaller one-sided differences, of surfaces whatever
+      their ids,
     - ``el = |l - l'| / (sigma_luminance √(3×3 Gaussian of variance) + |l|/1000)``, l being the luminance of the colour,
       or the prediction. With `history_length`, the root is at most ``relative_noise L / √N``, where N is the number of
       samples, at least 1, and L the 3×3 Gaussian of the luminance of `color`, at least 0, missing pixels being black.
@@ -4029,7 +4035,8 @@ def atrous(
       ``½ Σ min(|n₋ - n|², |n₊ - n|², ⅓|n₋ - 2n + n₊|²)`` over those axes along which both neighbours are of the
       pixel's surface,
     - ``ez = |w' - w - ∇w·Δ| / (sigma_plane w + sigma_depth r |∇w|₁)``, where ``w = 1/Z`` is linear in the image on a
-      plane, r is the reach of the pass in pixels, and ∇w has the smaller one-sided differences,
+      plane, r is the reach of the pass in pixels, and ∇w has the smaller one-sided differences, of surfaces whatever
+      their ids,
     - ``el = |l - l'| / (sigma_luminance √(3×3 Gaussian of variance) + |l|/1000)``, l being the luminance of the colour,
       or the prediction. With `history_length`, the root is at most ``relative_noise L / √N``, where N is the number of
       samples, at least 1, and L the 3×3 Gaussian of the luminance of `color`, at least 0, missing pixels being black.
@@ -4181,9 +4188,10 @@ def regress(
     Notes
     -----
     Least squares of colour on those of {1, normal, position, position²} that are given and vary within the block
-    (Koskela et al. [1]_), by a QR decomposition in double precision. A feature is skipped if the others explain all but
-    a hundredth of it (the paper adds noise instead), if it is a normal that varies by less than a thousandth, or a
-    coordinate that varies by less than a thousandth of the others.
+    (Koskela et al. [1]_), by a QR decomposition in double precision. Positions are relative to the block's weighted
+    mean, which matters to "fewest": their squares are other features than those of coordinates. A feature is skipped if
+    the others explain all but a hundredth of it (the paper adds noise instead), if it is a normal that varies by less
+    than a thousandth, or a coordinate that varies by less than a thousandth of the others.
 
     "fewest" adds features one by one, each the one that reduces the sum S of squared residuals most, as long as that
     lowers the generalised cross-validation score ``S / (1 - (1 + 3k)/n)²``, with k features besides the constant and n
@@ -4265,7 +4273,7 @@ def splat(
         Their mean position relative to the pixel's centre, -0.5 to 0.5; NaN in holes. Passed to the next call, it
         prevents blur and sub-pixel drift over many frames.
     quality : (H, W) float32
-        Their mean weight; 0 in holes.
+        Their mean weight ``quality / s**4``, in which each has its own weight, as in `color`; 0 in holes.
 
     Raises
     ------
@@ -4512,8 +4520,8 @@ def suppress_fireflies(
     of the luminance in the window without its centre, the limit is ``max(m + threshold s, (1 + threshold) l)``, l being
     the expected luminance (NRD's anti-firefly [1]_: 9×9 pixels, 2 deviations, no history). There is none where these
     neighbours have a weight below 2 in all. The excess is distributed over the window's pixels, the centre included:
-    with p's weight of q for q's share of p's excess, divided by the sum of p's weights of all. Weights of surfaces are
-    not symmetric, so that the shares do not add up to 1 where surfaces differ.
+    q's share of p's excess is q's weight of p, divided by the sum of p's weights of all. Weights of surfaces are not
+    symmetric, so that the shares do not add up to 1 where surfaces differ.
 
     References
     ----------
@@ -4552,7 +4560,7 @@ def fix_history(
     Parameters
     ----------
     color : (H, W, 3) array_like of float
-        Accumulated colour. Missing pixels have weight 0 and are filled.
+        Accumulated colour. Missing pixels have weight 0, and those with a short history are filled.
     history_length : (H, W) array_like of float
         History length in samples.
     depth : (H, W) array_like of float, optional
@@ -4573,7 +4581,8 @@ def fix_history(
     Returns
     -------
     color : (H, W, 3) float32
-        Fixed pixels are the mean of 5×5 taps, weighted by guide and history length; the others keep their bits.
+        Fixed pixels are the mean of 5×5 taps, weighted by guide and history length; the others, and those without a
+        valid tap, keep their bits.
 
     Raises
     ------
@@ -4662,6 +4671,7 @@ def reconstruct(
     -----
     The weight of a pixel at a distance of d is ``exp(-d²/(2 sigma²) - en - ez)``, with en and ez as in `atrous`, and
     zero between ids or between surface and background: a joint bilateral filter [1]_ whose samples may lie anywhere.
+    Weights below 2⁻⁶⁴ count as 0: without guides, samples from 9.4 sigma on.
 
     References
     ----------
@@ -4716,8 +4726,8 @@ def joint_bilateral_upsample(
         Side of a block in pixels, 1 to 16.
     offset : (float, float), optional
         Position of each sample in its block: pixels right and down from the centre of its first pixel, 0 to scale - 1.
-        Integers are pixel centres; the default is the block's centre, (scale - 1)/2. In blocks cut by the border,
-        samples lie in the last pixel inside.
+        Integers are pixel centres; the default is the block's centre, (scale - 1)/2. A sample between two centres is in
+        the later pixel. In blocks that the border cuts, it is moved by whole pixels, into the last one inside.
     radius : int, default 2
         Radius of the window in multiples of `scale` pixels, 1 to 16.
     sigma : float, default 1.0
@@ -4745,10 +4755,10 @@ def joint_bilateral_upsample(
     Notes
     -----
     The mean of the samples in the window, each with the weight ``exp(-d²/(2 (sigma scale)²) - en - ez)`` at a distance
-    of d pixels, with en and ez as in `atrous` and zero between ids or between surface and background: joint bilateral
-    upsampling [1]_, here with geometry as guide instead of colour. `reconstruct` does the same for samples at arbitrary
-    pixels. No pipeline uses this function: `HalfRes` takes full-resolution frames with missing samples and fills them
-    by `reconstruct`.
+    of d pixels, with en and ez as in `atrous` and zero between ids or between surface and background, or below 2⁻⁶⁴:
+    joint bilateral upsampling [1]_, here with geometry as guide instead of colour. `reconstruct` does the same for
+    samples at arbitrary pixels. No pipeline uses this function: `HalfRes` takes full-resolution frames with missing
+    samples and fills them by `reconstruct`.
 
     References
     ----------
@@ -5160,9 +5170,9 @@ def morphological_aa(
     the pixel, in the middle of an odd n ``1/(8n)``, beyond it 0. A line is cut at `max_length`; it has no shape at an
     end that was cut or lies at the image's border.
 
-    Of rows and columns the direction with the pixel's larger area counts, or half of each where they are equal. The
-    result is ``(1 - Σ area) · own + Σ area · neighbour``. The original [1]_ is changed in two points: the side of the
-    brighter pixels separates the two edges of thin lines, and choosing a direction avoids blending the steps of a
+    Of rows and columns the direction counts that has the pixel's largest area, or half of each where these are equal.
+    The result is ``(1 - Σ area) · own + Σ area · neighbour``. The original [1]_ is changed in two points: the side of
+    the brighter pixels separates the two edges of thin lines, and choosing a direction avoids blending the steps of a
     slanted edge twice.
 
     References

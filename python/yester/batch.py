@@ -6,6 +6,7 @@ that of the inputs. A run can go on where an earlier one stopped, and damaged fi
 
 from __future__ import annotations
 
+import os
 import tempfile
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
@@ -70,6 +71,7 @@ class Batch:
         self.shots = [range(*ends) for ends in pairwise([0, *sorted(self._breaks), len(self._paths)])]
         self._reading, self._keep_going, self._tell = reading, keep_going, tell
         self._there: set[int] = set()
+        self._found: set[Path] = set()
         self._odd = _Odd(sparse)
         self._used: dict[str, None] = {}
 
@@ -80,6 +82,7 @@ class Batch:
         Otherwise results that are there are an error, unless they may be overwritten.
         """
         lines: list[str] = []
+        self._found = {target for target in self._targets if overwrite or os.path.lexists(target)}
         if resume:
             self._there, lines = _there(self._targets)
             # History begins with a shot: those that lack a frame are computed from there.
@@ -109,6 +112,8 @@ class Batch:
                 if half and max(frame.color.max(), -frame.color.min()) > HALF_MAX:
                     self._odd.clipped.append(path)
                 like = plate or read_plate(path, **self._reading)
+                if target not in self._found and os.path.lexists(target):
+                    raise FileExistsError(f"{target}: another run has written it meanwhile, into the same folder")
                 with _compared(target) if index in self._there else nullcontext(target) as at:
                     write_exr(at, frame, half=half, compression=compression, like=like)
                 yield target

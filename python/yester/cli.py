@@ -39,7 +39,7 @@ from .batch import Batch, Run
 from .io import Description, describe, headers, mapping, read_exr, read_sequence, sequence_paths
 from .io.ahead import ahead
 from .io.exr import COMPRESSIONS, check_compression
-from .io.shots import breaks, natural, words
+from .io.shots import breaks, by_shots
 from .messages import told
 from .outputs import FILMS, keep_inputs, spare, targets_of, writable
 from .plan import PLANNED
@@ -598,7 +598,7 @@ def _files(inputs: Iterable[str]) -> list[Path]:
     first: dict[str, int] = {}
     for number, path in enumerate(paths):
         first.setdefault(os.path.abspath(path.parent), number)
-    return sorted(paths, key=lambda path: (first[os.path.abspath(path.parent)], words(path), natural(path)))
+    return sorted(by_shots(paths), key=lambda path: first[os.path.abspath(path.parent)])
 
 
 def _reading(options: argparse.Namespace) -> dict[str, Any]:

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from yester import reproject
+from yester.tensors import as_array
 
 __all__ = [
     "METRICS",
@@ -803,7 +804,7 @@ def _unmasked(name: str, values: ArrayLike) -> NDArray[Any]:
     """The values as an array; an error if they have a mask, since their data would be taken for valid everywhere."""
     if np.ma.isMaskedArray(values):
         raise TypeError(f"{name}: expected an array without a mask, got a masked one: metrics compare whole images")
-    return np.asarray(values)
+    return as_array(values, name)
 
 
 def _floats(name: str, image: ArrayLike) -> NDArray[np.floating[Any]]:

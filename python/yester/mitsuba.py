@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ._core import SVGF, Output
 from .frame import Frame
+from .tensors import as_array
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -140,7 +141,7 @@ class Denoiser:
             # A bitmap of few channels has no layers.
             image = _layer("noisy", noisy_ch, layers) if layers else np.array(noisy)
         else:
-            image = _array("noisy", noisy)
+            image = as_array(noisy, "noisy")
         for name, value in given.items():
             if self._needs[name] and value is None:
                 raise ValueError(f"{name}: expected one, as the denoiser was made for it, got none")
@@ -150,7 +151,7 @@ class Denoiser:
         if image.ndim != 3 or image.shape[:2] != self._shape or image.shape[2] not in (3, 4):
             expected = f"shape {(*self._shape, 3)} or {(*self._shape, 4)}"
             raise ValueError(f"noisy: expected {expected}, got {image.shape}")
-        arrays = {name: None if value is None else _array(name, value) for name, value in given.items()}
+        arrays = {name: None if value is None else as_array(value, name) for name, value in given.items()}
         previous = arrays["previous_denoised"]
         if not (self._temporal and self._last is not None and previous is not None and _same(previous, self._last)):
             self._color.reset()
@@ -173,15 +174,6 @@ def _layer(what: str, name: str, layers: dict[str, NDArray[Any]]) -> NDArray[Any
     if name not in layers:
         raise ValueError(f"{what}: expected one of the layers {', '.join(layers) or 'of a bitmap'}, got {name}")
     return layers[name]
-
-
-def _array(name: str, value: Any) -> NDArray[Any]:
-    if type(value).__module__.startswith("drjit"):
-        import drjit
-
-        if drjit.grad_enabled(value):
-            raise TypeError(f"{name}: expected a tensor without gradients, got one that has: pass drjit.detach(x)")
-    return np.asarray(value)
 
 
 def _same(one: NDArray[Any], other: NDArray[Any]) -> bool:

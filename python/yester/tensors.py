@@ -9,6 +9,7 @@ which ``torch.from_dlpack`` (or any other library's) takes without a copy.
 from __future__ import annotations
 
 from collections.abc import Callable
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -104,7 +105,12 @@ def _ordered(array: NDArray[Any], copy: bool | None) -> NDArray[Any]:
 
 
 def shared(value: Any, name: str) -> Any:
-    """An array in the memory of an object that has DLPack but no conversion to numpy; any other value as it is."""
+    """An array in the memory of an object that has DLPack but no conversion to numpy; any other value as it is.
+
+    TypeError if gradients would be lost: Dr.Jit converts tensors that have any without a word, where torch refuses.
+    """
+    if type(value).__module__.startswith("drjit") and import_module("drjit").grad_enabled(value):
+        raise TypeError(f"{name}: expected an array, got a tensor that needs gradients: pass drjit.detach(x)")
     alone = hasattr(value, "__dlpack__") and not hasattr(value, "__array__")
     return _read(np.from_dlpack, value, name) if alone else value
 
@@ -113,7 +119,12 @@ def _array(images: Any, copy: bool | None) -> NDArray[Any]:
     """An array that shares its memory with what is given, if that is possible."""
     if copy is False and isinstance(images, list | tuple):
         raise ValueError(f"copy: expected True or None for a nested sequence, got {copy}")
-    return _read(np.asarray, shared(images, "images"), "images")
+    return as_array(images, "images")
+
+
+def as_array(value: Any, name: str) -> NDArray[Any]:
+    """An array of any type; TypeError, with what to do, of a tensor that numpy cannot read."""
+    return _read(np.asarray, shared(value, name), name)
 
 
 def _read(read: Callable[[Any], NDArray[Any]], value: Any, name: str) -> NDArray[Any]:

@@ -223,6 +223,7 @@ pub fn array<'py, T: Number>(
     if value.is_none() {
         return Err(wrong_type(name, T::NAME, "None"));
     }
+    refuse_gradients(value, name)?;
     let array = value
         .py()
         .import("numpy")?
@@ -247,6 +248,24 @@ pub fn refuse_mask(value: &Bound<'_, PyAny>, name: &str) -> PyResult<()> {
             name,
             "an array without a mask",
             "a masked one: x.filled(nan) marks what is missing",
+        )),
+        false => Ok(()),
+    }
+}
+
+/// An error if gradients would be lost: Dr.Jit converts tensors that have any without a word, where torch refuses.
+fn refuse_gradients(value: &Bound<'_, PyAny>, name: &str) -> PyResult<()> {
+    let py = value.py();
+    let module = value.get_type().module()?;
+    if !module.to_cow()?.starts_with("drjit") {
+        return Ok(());
+    }
+    let drjit = py.import("drjit")?;
+    match drjit.call_method1("grad_enabled", (value,))?.is_truthy()? {
+        true => Err(wrong_type(
+            name,
+            "an array",
+            "a tensor that needs gradients: pass drjit.detach(x)",
         )),
         false => Ok(()),
     }

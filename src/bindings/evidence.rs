@@ -268,7 +268,8 @@ pub fn compare_candidates<'py>(
 /// -----
 /// The detail of a plane is its difference from the mean of the 3×3 pixels. With the planes numbered from 0, the
 /// products are those of 00, 01, 02, 11, 12, 22, 03, 13, 33, 04, 14, 44 and 34. A frame's sums in a tile of n pixels
-/// have the weight ``1 / (max(Σ₀₀ + Σ₁₁, Σ₂₂, Σ₃₃, Σ₄₄) / n + (exposure / 1024)²)``, so that no frame decides alone.
+/// have the weight ``1 / (max(Σ₀₀ + Σ₁₁, Σ₂₂/16, Σ₃₃/16, Σ₄₄/16) / n + (exposure / 1024)²)``, so that no frame decides
+/// alone; the tile adds nothing if a sum is infinite.
 ///
 /// Examples
 /// --------

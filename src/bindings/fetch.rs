@@ -67,10 +67,10 @@ use crate::kernels::fetch::validate::{self, Threshold};
 /// Returns
 /// -------
 /// values : float32 array like `history`, or list of such
-///     The weighted mean of the valid taps; 0 where there is none.
+///     The weighted mean of the valid taps; 0 where less than 0.01 of the footprint is valid and no fallback applies.
 /// coverage : (H, W) float32
 ///     The valid fraction of the footprint, 0 to 1: the 2×2 weights times their trust, summed, or, where the fallback
-///     applied, the fraction of the 3×3 window's pixels. 0 where there is no history.
+///     applied, the fraction of the 3×3 window's pixels. 0 where there is no history, or less than 0.01 of it.
 ///
 /// Raises
 /// ------

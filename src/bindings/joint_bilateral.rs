@@ -55,6 +55,7 @@ use crate::kernels::smooth::joint_bilateral::{
 /// -----
 /// The weight of a pixel at a distance of d is ``exp(-d²/(2 sigma²) - en - ez)``, with en and ez as in `atrous`, and
 /// zero between ids or between surface and background: a joint bilateral filter [1]_ whose samples may lie anywhere.
+/// Weights below 2⁻⁶⁴ count as 0: without guides, samples from 9.4 sigma on.
 ///
 /// References
 /// ----------
@@ -131,8 +132,8 @@ pub fn reconstruct_<'py>(
 ///     Side of a block in pixels, 1 to 16.
 /// offset : (float, float), optional
 ///     Position of each sample in its block: pixels right and down from the centre of its first pixel, 0 to scale - 1.
-///     Integers are pixel centres; the default is the block's centre, (scale - 1)/2. In blocks cut by the border,
-///     samples lie in the last pixel inside.
+///     Integers are pixel centres; the default is the block's centre, (scale - 1)/2. A sample between two centres is in
+///     the later pixel. In blocks that the border cuts, it is moved by whole pixels, into the last one inside.
 /// radius : int, default 2
 ///     Radius of the window in multiples of `scale` pixels, 1 to 16.
 /// sigma : float, default 1.0
@@ -160,10 +161,10 @@ pub fn reconstruct_<'py>(
 /// Notes
 /// -----
 /// The mean of the samples in the window, each with the weight ``exp(-d²/(2 (sigma scale)²) - en - ez)`` at a distance
-/// of d pixels, with en and ez as in `atrous` and zero between ids or between surface and background: joint bilateral
-/// upsampling [1]_, here with geometry as guide instead of colour. `reconstruct` does the same for samples at arbitrary
-/// pixels. No pipeline uses this function: `HalfRes` takes full-resolution frames with missing samples and fills them
-/// by `reconstruct`.
+/// of d pixels, with en and ez as in `atrous` and zero between ids or between surface and background, or below 2⁻⁶⁴:
+/// joint bilateral upsampling [1]_, here with geometry as guide instead of colour. `reconstruct` does the same for
+/// samples at arbitrary pixels. No pipeline uses this function: `HalfRes` takes full-resolution frames with missing
+/// samples and fills them by `reconstruct`.
 ///
 /// References
 /// ----------

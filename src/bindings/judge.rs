@@ -603,9 +603,11 @@ pub fn alternation_<'py>(
 /// Notes
 /// -----
 /// With the difference of luminances δ and the larger of them m, blurred means ⟨·⟩, and the standard error s of ⟨δ⟩:
-/// ``clamp((|⟨δ⟩| - noise s) / ⟨m⟩, 0, 1)``. The first pass averages cells of 2×2 pixels, whose pixels all get their
-/// gradient; the others blur cells by {1, 2, 1}/4 kernels at steps of 1, 2, 4, … cells. The original (Schied et al.
-/// [1]_) has cells of 3×3, exact gradients, and no margin for noise.
+/// ``clamp((|⟨δ⟩| - noise s) / ⟨m⟩, 0, 1)`` with ``s² = (⟨δ²⟩ - ⟨δ⟩²) K / w``, w the blurred number of a cell's pixels
+/// that count, up to 4, and K the sum of squares of all blurs' kernels convolved, 1 without a blur. The first pass
+/// averages cells of 2×2 pixels, whose pixels all get their gradient; the others blur cells by {1, 2, 1}/4 kernels at
+/// steps of 1, 2, 4, … cells. The original (Schied et al. [1]_) has cells of 3×3, exact gradients, and no margin for
+/// noise.
 ///
 /// References
 /// ----------

@@ -121,7 +121,7 @@ impl Accumulated {
 ///     Smallest weight of the new sample in the moments.
 /// warmup : bool, default True
 ///     Give the N-th sample a weight of 1/N until that falls to `alpha`, so that the first samples are averaged
-///     equally; otherwise the weight is `alpha` from the second sample on.
+///     equally; otherwise the weight is `alpha`, above 0, from the second sample on.
 /// out : tuple of (H, W, 3), (H, W, 2) and (H, W) float32 arrays, optional
 ///     Written and returned, as colour, moments and length, instead of new arrays; they may be inputs. A part may be
 ///     None.
@@ -623,11 +623,12 @@ pub fn resolve_<'py>(
 /// Notes
 /// -----
 /// First `flicker`, of Karis [1]_: with ``k = lerp(flicker, 1, d)`` and d the distance of history's luminance from the
-/// nearer end of the neighbourhood's range, in half ranges, alpha becomes ``alpha (k + alpha (1 - k))``. Then the
-/// weighting. "none": ``h + alpha (c - h)``. "tone" is Karis's, too. It darkens the edges of lamps, as most samples
-/// that hit one count for little there; "local-tone", our own, does so less. Missing pixels are left out of its mean,
-/// and negative luminances count as 0. "luminance": the same as "none" with ``lerp(min(4 alpha, 1), alpha, (1 - d)²)``
-/// for alpha and ``d = min(|l - l'| / max(l, l', 0.2 exposure), 1)``, as in INSIDE [2]_.
+/// nearer end of the neighbourhood's range, in half ranges, 0 beyond and 1 if there is no range, alpha becomes
+/// ``alpha (k + alpha (1 - k))``. Then the weighting. "none": ``h + alpha (c - h)``. "tone" is Karis's, too. It darkens
+/// the edges of lamps, as most samples that hit one count for little there; "local-tone", our own, does so less.
+/// Missing pixels are left out of its mean, and negative luminances count as 0. "luminance": the same as "none" with
+/// ``lerp(min(4 alpha, 1), alpha, (1 - d)²)`` for alpha and ``d = min(|l - l'| / max(l, l', 0.2 exposure), 1)``, as in
+/// INSIDE [2]_.
 ///
 /// References
 /// ----------

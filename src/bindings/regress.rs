@@ -56,9 +56,10 @@ use crate::kernels::smooth::regress::{self, Features, Place};
 /// Notes
 /// -----
 /// Least squares of colour on those of {1, normal, position, position²} that are given and vary within the block
-/// (Koskela et al. [1]_), by a QR decomposition in double precision. A feature is skipped if the others explain all but
-/// a hundredth of it (the paper adds noise instead), if it is a normal that varies by less than a thousandth, or a
-/// coordinate that varies by less than a thousandth of the others.
+/// (Koskela et al. [1]_), by a QR decomposition in double precision. Positions are relative to the block's weighted
+/// mean, which matters to "fewest": their squares are other features than those of coordinates. A feature is skipped if
+/// the others explain all but a hundredth of it (the paper adds noise instead), if it is a normal that varies by less
+/// than a thousandth, or a coordinate that varies by less than a thousandth of the others.
 ///
 /// "fewest" adds features one by one, each the one that reduces the sum S of squared residuals most, as long as that
 /// lowers the generalised cross-validation score ``S / (1 - (1 + 3k)/n)²``, with k features besides the constant and n

@@ -91,9 +91,9 @@ impl<'py> GuideArgs<'py> {
 ///
 /// Notes
 /// -----
-/// A history of at least `min_length` gives ``m2 - m1²``. A shorter one takes the moments' means over the window,
-/// weighted as in `atrous` but for kernel and luminance, and multiplies the variance by ``min_length / max(N, 1)``, as
-/// SVGF does ([1]_, section 4.2, and its implementation in Falcor [2]_).
+/// A history of at least `min_length` gives ``m2 - m1²``. A shorter one, or one without valid moments, takes the
+/// moments' means over the window, weighted as in `atrous` but for kernel and luminance, and multiplies the variance by
+/// ``max(min_length / max(N, 1), 1)``, as SVGF does ([1]_, section 4.2, and its implementation in Falcor [2]_).
 ///
 /// References
 /// ----------
@@ -316,7 +316,8 @@ pub fn restore_detail_<'py>(
 ///   ``½ Σ min(|n₋ - n|², |n₊ - n|², ⅓|n₋ - 2n + n₊|²)`` over those axes along which both neighbours are of the
 ///   pixel's surface,
 /// - ``ez = |w' - w - ∇w·Δ| / (sigma_plane w + sigma_depth r |∇w|₁)``, where ``w = 1/Z`` is linear in the image on a
-///   plane, r is the reach of the pass in pixels, and ∇w has the smaller one-sided differences,
+///   plane, r is the reach of the pass in pixels, and ∇w has the smaller one-sided differences, of surfaces whatever
+///   their ids,
 /// - ``el = |l - l'| / (sigma_luminance √(3×3 Gaussian of variance) + |l|/1000)``, l being the luminance of the colour,
 ///   or the prediction. With `history_length`, the root is at most ``relative_noise L / √N``, where N is the number of
 ///   samples, at least 1, and L the 3×3 Gaussian of the luminance of `color`, at least 0, missing pixels being black.
@@ -498,8 +499,8 @@ pub fn atrous_<'py>(
 /// of the luminance in the window without its centre, the limit is ``max(m + threshold s, (1 + threshold) l)``, l being
 /// the expected luminance (NRD's anti-firefly [1]_: 9×9 pixels, 2 deviations, no history). There is none where these
 /// neighbours have a weight below 2 in all. The excess is distributed over the window's pixels, the centre included:
-/// with p's weight of q for q's share of p's excess, divided by the sum of p's weights of all. Weights of surfaces are
-/// not symmetric, so that the shares do not add up to 1 where surfaces differ.
+/// q's share of p's excess is q's weight of p, divided by the sum of p's weights of all. Weights of surfaces are not
+/// symmetric, so that the shares do not add up to 1 where surfaces differ.
 ///
 /// References
 /// ----------
@@ -575,7 +576,7 @@ pub fn suppress_fireflies_<'py>(
 /// Parameters
 /// ----------
 /// color : (H, W, 3) array_like of float
-///     Accumulated colour. Missing pixels have weight 0 and are filled.
+///     Accumulated colour. Missing pixels have weight 0, and those with a short history are filled.
 /// history_length : (H, W) array_like of float
 ///     History length in samples.
 /// depth : (H, W) array_like of float, optional
@@ -596,7 +597,8 @@ pub fn suppress_fireflies_<'py>(
 /// Returns
 /// -------
 /// color : (H, W, 3) float32
-///     Fixed pixels are the mean of 5×5 taps, weighted by guide and history length; the others keep their bits.
+///     Fixed pixels are the mean of 5×5 taps, weighted by guide and history length; the others, and those without a
+///     valid tap, keep their bits.
 ///
 /// Raises
 /// ------
@@ -1053,9 +1055,9 @@ pub fn remodulate_<'py>(
 /// the pixel, in the middle of an odd n ``1/(8n)``, beyond it 0. A line is cut at `max_length`; it has no shape at an
 /// end that was cut or lies at the image's border.
 ///
-/// Of rows and columns the direction with the pixel's larger area counts, or half of each where they are equal. The
-/// result is ``(1 - Σ area) · own + Σ area · neighbour``. The original [1]_ is changed in two points: the side of the
-/// brighter pixels separates the two edges of thin lines, and choosing a direction avoids blending the steps of a
+/// Of rows and columns the direction counts that has the pixel's largest area, or half of each where these are equal.
+/// The result is ``(1 - Σ area) · own + Σ area · neighbour``. The original [1]_ is changed in two points: the side of
+/// the brighter pixels separates the two edges of thin lines, and choosing a direction avoids blending the steps of a
 /// slanted edge twice.
 ///
 /// References

@@ -29,7 +29,7 @@ def collocate(planes: Tensor, evidence: Tensor | None = None, *, exposure=1.0) -
     products = torch.stack([detail[..., a] * detail[..., b] for a, b in PAIRS], -1)  # (H, W, 13)
     seen, n = together(products), together(finite[..., None].to(planes))  # (h, w, 13), (h, w, 1)
     samples = seen[..., [0]] + seen[..., [3]]  # (h, w, 1)
-    energy = torch.cat([samples, seen[..., [5, 8, 11]]], -1).amax(-1, keepdim=True)  # (h, w, 1)
+    energy = torch.cat([samples, seen[..., [5, 8, 11]] / 16], -1).amax(-1, keepdim=True)  # (h, w, 1)
     floor = max((exposure / 1024) ** 2, torch.finfo(torch.float32).tiny)
     known = (n > 0) & energy.isfinite()  # (h, w, 1)
     seen = torch.cat([seen / (energy / n + floor), n], -1).where(known, 0)  # (h, w, 14)

@@ -10,7 +10,7 @@ def estimate_variance(
     """The variance of the luminance: temporal where the history is long enough, else over similar neighbours.
 
     m2 - m1², of the pixel's own moments or of their weighted means over (2·radius + 1)², the latter times
-    min_length / max(N, 1). Source: Schied et al. 2017, section 4.2.
+    max(min_length / max(N, 1), 1). Source: Schied et al. 2017, section 4.2.
 
     Parameters
     ----------
@@ -41,7 +41,8 @@ def estimate_variance(
             weights += weight  # (H, W)
     mean = torch.where(weights[..., None] > 0, total / weights[..., None], 0)  # (H, W, 2)
     long = (history_length >= min_length) & finite  # (H, W)
-    spatial = (mean[..., 1] - mean[..., 0] ** 2).clamp(min=0) * (min_length / history_length.clamp(min=1))  # (H, W)
+    young = (min_length / history_length.clamp(min=1)).clamp(min=1)  # (H, W)
+    spatial = (mean[..., 1] - mean[..., 0] ** 2).clamp(min=0) * young  # (H, W)
     temporal = (clean[..., 1] - clean[..., 0] ** 2).clamp(min=0)  # (H, W)
     variance = torch.where(long, temporal, spatial)  # (H, W)
     variance = variance.where(variance >= 1e-30, 0)  # (H, W)

@@ -16,8 +16,9 @@ import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 from zipfile import BadZipFile
 
 import numpy as np
@@ -132,15 +133,18 @@ def read_noisebase(
     Notes
     -----
     Stores lack the size of the image that their window was cut from. It is the one with which positions project to
-    where their samples lie.
+    where their samples lie; where nothing was hit, that of the frames before, or else of the next in the same store.
     """
     paths = [Path(source)] if isinstance(source, str | os.PathLike) else [Path(path) for path in source]
     before: Camera | None = None
+    sides: tuple[float, float] | None = None
     for path in paths:
         with _opened(path) as store:
             known = _layout(path, store)
             for index in range(known.frames):
-                frame, reference = _frame(path, store, known, index, before)
+                surface = _surface(store, known, index)
+                sides = _sides(path, store, known, index, surface) or sides or _later_sides(path, store, known, index)
+                frame, reference = _frame(store, known, index, surface, before, sides)
                 before = frame.camera
                 yield frame, reference
 
@@ -178,21 +182,33 @@ def _layout(path: Path, store: Any) -> Layout:
     return Layout(frames[0] if frames else 1, height, width, samples, "reference" in store, not frames)
 
 
+def _of(store: Any, known: Layout, index: int, name: str, *samples: slice | int) -> NDArray[Any]:
+    """An array of a frame."""
+    return np.asarray(store[name][(*(() if known.single else (index,)), ..., *samples)])
+
+
+def _image(values: NDArray[Any]) -> NDArray[np.float32]:
+    return np.ascontiguousarray(np.moveaxis(values, 0, -1), np.float32)
+
+
+#: Normals and positions of a frame, and which pixels hit something.
+_Surface: TypeAlias = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_]]
+
+
+def _surface(store: Any, known: Layout, index: int) -> _Surface:
+    normal, position = (_image(_of(store, known, index, name, 0)) for name in ("normal", "position"))
+    return normal, position, np.asarray(normal.any(-1) & np.isfinite(position).all(-1))
+
+
 def _frame(
-    path: Path, store: Any, known: Layout, index: int, before: Camera | None
+    store: Any, known: Layout, index: int, surface: _Surface, before: Camera | None, sides: tuple[float, float]
 ) -> tuple[Frame, NDArray[np.float32] | None]:
-    def of(name: str, *samples: slice | int) -> NDArray[Any]:
-        selection = (*(() if known.single else (index,)), ..., *samples)
-        return np.asarray(store[name][selection])
-
-    def image(values: NDArray[Any]) -> NDArray[np.float32]:
-        return np.ascontiguousarray(np.moveaxis(values, 0, -1), np.float32)
-
-    color = image(decode_color(of("color"), of("exposure")).mean(-1))
-    albedo = image(of("diffuse").astype(np.float32).mean(-1))
-    normal, position, moved = (image(of(name, 0)) for name in ("normal", "position", "motion"))
-    hit = np.asarray(normal.any(-1) & np.isfinite(position).all(-1))
-    camera = _camera(path, position, hit, of("view_proj_mat"), of("crop_offset"), known)
+    of = partial(_of, store, known, index)
+    color = _image(decode_color(of("color"), of("exposure")).mean(-1))
+    albedo = _image(of("diffuse").astype(np.float32).mean(-1))
+    normal, position, hit = surface
+    moved = _image(of("motion", 0))
+    camera = _camera(of("view_proj_mat"), of("crop_offset"), known, sides)
     position[~hit] = np.nan
     pixels, depth = camera.project(position)
     motion = np.zeros((known.height, known.width, 3))
@@ -209,16 +225,25 @@ def _frame(
         position=position,
         camera=camera,
     )
-    reference = image(of("reference")) if known.reference else None
+    reference = _image(of("reference")) if known.reference else None
     return frame, reference
 
 
-def _camera(
-    path: Path, position: NDArray[np.float32], hit: NDArray[np.bool_], matrix: Any, offset: Any, known: Layout
-) -> Camera:
-    """The camera of the stored window."""
-    to_clip = np.asarray(matrix, np.float64).T  # for column vectors
-    top, left = (int(value) for value in offset)
+def _later_sides(path: Path, store: Any, known: Layout, index: int) -> tuple[float, float]:
+    """`_sides` of the next frame that hit something."""
+    for later in range(index + 1, known.frames):
+        if sides := _sides(path, store, known, later, _surface(store, known, later)):
+            return sides
+    raise ValueError(f"{path}: position: nothing was hit, which leaves the size of the whole image unknown")
+
+
+def _sides(path: Path, store: Any, known: Layout, index: int, surface: _Surface) -> tuple[float, float] | None:
+    """Width and height of the image that a frame was cut from; None if nothing was hit."""
+    _, position, hit = surface
+    if not hit.any():
+        return None
+    to_clip = np.asarray(_of(store, known, index, "view_proj_mat"), np.float64).T  # for column vectors
+    top, left = (int(value) for value in _of(store, known, index, "crop_offset"))
     points = position[hit].astype(np.float64)
     rows, columns = np.stack(np.nonzero(hit)) + 0.5
     clip = np.concatenate([points, np.ones_like(points[:, :1])], 1) @ to_clip.T
@@ -227,12 +252,19 @@ def _camera(
     # A place in the whole image is its side times these.
     whole = []
     for place, share in ((columns + left, (x + 1) / 2), (rows + top, (1 - y) / 2)):
-        side = np.rint(place @ share / max(share @ share, 1e-30)) if len(place) else np.nan
-        off = np.median(np.abs(side * share - place)) if len(place) else np.inf
+        side = np.rint(place @ share / max(share @ share, 1e-30))
+        off = np.median(np.abs(side * share - place))
         if not off <= _CLOSE:
             raise ValueError(f"{path}: view_proj_mat: positions project {off:.1f} pixels from where their samples lie")
-        whole.append(side)
-    across, down = whole[0] / known.width, whole[1] / known.height
+        whole.append(float(side))
+    return whole[0], whole[1]
+
+
+def _camera(matrix: NDArray[Any], offset: NDArray[Any], known: Layout, sides: tuple[float, float]) -> Camera:
+    """The camera of the stored window."""
+    to_clip = np.asarray(matrix, np.float64).T  # for column vectors
+    top, left = (int(value) for value in offset)
+    across, down = sides[0] / known.width, sides[1] / known.height
     crop = np.diag([across, down, 1, 1])
     crop[0, 3] = across - 2 * left / known.width - 1
     crop[1, 3] = 1 - down + 2 * top / known.height

@@ -23,6 +23,8 @@ Curve = Literal["clip", "reinhard", "aces"]
 
 #: Images a second that both formats hold.
 _SLOWEST, _FASTEST = 0.001, 1000.0
+#: The largest side of a WebP file.
+_WEBP = 16383
 
 
 def _reinhard(x: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -181,6 +183,8 @@ def write_animation(
             if size not in (None, picture.shape):
                 raise ValueError(f"images: expected shape {size} as before, got {picture.shape}")
             size = picture.shape
+            if kind == ".webp" and max(size[:2]) > _WEBP:
+                raise ValueError(f"images: expected at most {_WEBP} pixels a side for WebP, got {size[1]} x {size[0]}")
             yield picture
 
     made = iter(pictures())
@@ -207,10 +211,11 @@ def _mp4(path: Path, shape: tuple[int, ...], pictures: Iterable[NDArray[np.uint8
     odd = (0, height % 2), (0, width % 2), (0, 0)
     size = f"{width + width % 2}x{height + height % 2}"
     given = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", size, "-r", f"{fps:g}", "-i", "-"]
-    matrix = ["-vf", "scale=out_color_matrix=bt709", "-colorspace", "bt709", "-color_primaries", "bt709"]
-    coded = [*matrix, "-color_trc", "iec61966-2-1", "-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", "16"]
+    # The encoder takes them from the frames alone.
+    tags = "setparams=colorspace=bt709:color_primaries=bt709:color_trc=iec61966-2-1"
+    coded = ["-vf", f"scale=out_color_matrix=bt709,{tags}", "-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", "16"]
     # The temporary file's name does not tell the format.
-    made = ["-movflags", "+faststart", "-fflags", "+bitexact", "-f", "mp4", "-y", str(path)]
+    made = ["-movflags", "+faststart", "-fflags", "+bitexact", "-f", "mp4", "-y", f"file:{path}"]
     command = [imageio_ffmpeg.get_ffmpeg_exe(), "-loglevel", "error", *given, *coded, *made]
     with TemporaryFile() as said, Popen(command, stdin=PIPE, stdout=DEVNULL, stderr=said) as ffmpeg:
         assert ffmpeg.stdin is not None

@@ -23,6 +23,11 @@ def words(path: Path) -> list[str]:
     return _pieces(path)[::2]
 
 
+def by_shots(paths: Iterable[Path]) -> list[Path]:
+    """The files of a folder shot by shot, each in natural order."""
+    return sorted(paths, key=lambda path: (words(path), natural(path)))
+
+
 def breaks(paths: Sequence[Path]) -> dict[int, str]:
     """Where history must not be carried over: at the start of another shot, and after missing frames.
 
@@ -40,17 +45,20 @@ def breaks(paths: Sequence[Path]) -> dict[int, str]:
     -----
     Consecutive files belong to one shot if their names differ in exactly one number, and always the same one. That
     number counts frames and must increase by the shot's step: its most common increase, the smallest of several. If no
-    increase comes twice, the step is 1.
+    increase comes twice, the step is 1. After two files with the same number, history starts anew, too: nothing tells
+    which of them the next one belongs to.
     """
     found: dict[int, str] = {}
     #: By shot: index of the file, number of the file before, and its own.
     shots: list[list[tuple[int, int, int]]] = [[]]
-    counter = None
+    counter, same = None, False
     for index, (former, path) in enumerate(pairwise(paths), 1):
         before, here = _pieces(former), _pieces(path)
         differ = [i for i, pair in enumerate(zip(before, here, strict=False)) if pair[0] != pair[1]]
         if before == here:
             why = f"the same frame number as {former}, so not the same shot"
+        elif same:
+            why = f"after {former}, one of two files with the same frame number"
         elif len(before) != len(here) or len(differ) != 1 or differ[0] % 2 == 0 or counter not in (None, differ[0]):
             why = f"not the same shot as {former}"
         else:
@@ -58,7 +66,7 @@ def breaks(paths: Sequence[Path]) -> dict[int, str]:
             shots[-1].append((index, int(before[counter]), int(here[counter])))
             continue
         found[index] = f"{path}: {why}: processed as a separate sequence"
-        counter = None
+        counter, same = None, before == here
         shots.append([])
     for shot in shots:
         step = _step(high - low for _, low, high in shot)

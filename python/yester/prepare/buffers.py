@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -150,15 +150,22 @@ def _carried(frame: Frame, before: Frame | None, known: Any, motion: NDArray[np.
     return found, accumulate(frame.color, mean, moments, length, confidence=validity, alpha=ALPHA)
 
 
-def halve(images: Images, depth: NDArray[np.float32] | None = None, missing: NDArray[np.bool_] | None = None) -> Images:
+def halve(
+    images: Images,
+    depth: NDArray[np.float32] | None = None,
+    validity: NDArray[np.float32] | None = None,
+    missing: NDArray[np.bool_] | None = None,
+) -> Images:
     """The images at half size.
 
     Parameters
     ----------
     images : dict of str to (H, W) or (H, W, C) ndarray
-        As `derive` gives them. The last row or column of an odd size counts twice.
+        As `derive` gives them. Of an odd size, the last row or column makes blocks of its own.
     depth : (H, W) ndarray, optional
         Of the frame. NaN is behind all else.
+    validity : (H, W) ndarray, optional
+        Of the frame: where it is 0, ``history`` is 0 for want of any. By default it counts everywhere.
     missing : (H, W) ndarray of bool, optional
         Pixels without a finite colour in the frame, which are 0 in the images of `derive`. By default none: such zeros
         count.
@@ -167,17 +174,21 @@ def halve(images: Images, depth: NDArray[np.float32] | None = None, missing: NDA
     -------
     dict of str to ndarray
         Of height and width H/2 and W/2, rounded up. Colours, ``validity`` and ``history_length`` are means of four
-        pixels, and ``variance`` that of such a mean. Geometry is that of the nearest pixel of the four by `depth`, or
-        else of the upper left one, and ``motion`` is in pixels of the half size.
+        pixels, at an odd edge of fewer, and ``variance`` that of such a mean. Geometry is that of the nearest pixel of
+        the four by `depth`, or else of the upper left one, and ``motion`` is in pixels of the half size.
 
     Notes
     -----
     Means are of the finite pixels of the four: of those that are not `missing` for ``color``, ``demodulated``,
-    ``difference`` and ``variance``. Where there are none, the upper left pixel is kept.
+    ``difference`` and ``variance``, and of those with `validity` for ``history``. Where there are none, the upper left
+    pixel is kept.
     """
     result: Images = {}
     nearest = None if depth is None else np.where(np.isnan(four := _four(depth)), np.inf, four).argmin(0)
+    height, width = next(iter(images.values())).shape[:2]
+    inside = _four(np.ones((height, width), bool), "constant")
     sampled = None if missing is None else ~_four(missing)
+    carried = None if validity is None else _four(validity) > 0
     for name, image in images.items():
         four = _four(image)
         if name in _OF_ONE:
@@ -186,8 +197,11 @@ def halve(images: Images, depth: NDArray[np.float32] | None = None, missing: NDA
             half = half * np.float32(0.5) if name == "motion" else half
         else:
             known = np.isfinite(four).reshape(*four.shape[:3], -1).all(-1)
+            known &= inside
             if sampled is not None and name in _OF_SAMPLE:
                 known &= sampled
+            if carried is not None and name == "history":
+                known &= carried
             known = known.reshape(*known.shape, *[1] * (image.ndim - 2))
             number = np.maximum(known.sum(0, dtype=np.float32), 1)
             half = np.where(known.any(0), np.where(known, four, 0).sum(0, dtype=np.float32) / number, four[0])
@@ -196,8 +210,8 @@ def halve(images: Images, depth: NDArray[np.float32] | None = None, missing: NDA
     return result
 
 
-def _four(image: NDArray[Any]) -> NDArray[Any]:
-    """The pixels of each 2×2 block, (4, H/2, W/2, ...)."""
+def _four(image: NDArray[Any], beyond: Literal["edge", "constant"] = "edge") -> NDArray[Any]:
+    """The pixels of each 2×2 block, (4, H/2, W/2, ...); beyond the image, those of its edge, or 0."""
     height, width = image.shape[:2]
-    image = np.pad(image, [(0, height % 2), (0, width % 2), *[(0, 0)] * (image.ndim - 2)], "edge")
+    image = np.pad(image, [(0, height % 2), (0, width % 2), *[(0, 0)] * (image.ndim - 2)], beyond)
     return np.stack([image[y::2, x::2] for y in (0, 1) for x in (0, 1)])

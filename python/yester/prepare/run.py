@@ -33,7 +33,7 @@ from ..io.mapping import Mapped, load
 from ..messages import few
 from .buffers import CHANNELS, DERIVED, derive, halve, needs
 from .sources import Damaged, Known, Source, find_sequences
-from .store import EXRFiles, Writer, ZarrStore, checksums, stored
+from .store import EXRFiles, Writer, ZarrStore, checksums, clipped, stored
 
 __all__ = ["Parameters", "Prepared", "prepare"]
 
@@ -43,6 +43,8 @@ _ATTEMPTS = 3
 #: Seconds to wait for a scheduler.
 _PATIENCE = 10
 _MANIFEST = "manifest.json"
+#: What a file takes at least, in bytes.
+_BLOCK = 4096
 #: What runs that were killed leave in a set's folder: sequences and manifests that are half-written.
 _HALF = re.compile(r"\..+\.[0-9a-f]{32}\.tmp|\.manifest\.json\.\d+\.tmp", re.DOTALL)
 #: A file that is there while a process, whose number it has, uses the folder.
@@ -86,11 +88,16 @@ class Parameters:
             yield f"crop{number}", slice(y, y + height), slice(x, x + width)
 
     def bytes(self, known: Known) -> int:
-        """Of a sequence, not compressed."""
+        """Of a sequence on disk, not compressed: every image of every frame takes whole blocks of the file system."""
         width, height = self.crop or (known.width, known.height)
-        pixel = sum(CHANNELS[name] * stored(name, self.half).itemsize for name in self.buffers)
-        pixels = sum({"full": width * height, "half": -(-width // 2) * -(-height // 2)}[size] for size in self.sizes)
-        return known.frames * self.crops * pixels * pixel
+        pixels = {"full": width * height, "half": -(-width // 2) * -(-height // 2)}
+        images = [
+            pixels[size] * CHANNELS[name] * stored(name, self.half).itemsize
+            for size in self.sizes
+            for name in self.buffers
+        ]
+        # The manifest has a checksum of each file.
+        return sum(_BLOCK * (-(-image // _BLOCK) + 1) for image in images) * known.frames * self.crops
 
 
 @dataclass(frozen=True)
@@ -257,6 +264,7 @@ def prepare(
     former = _earlier(folder, resume)
     reading: dict[str, Any] = {"mapping": load(mapping) or None, "view": view}
     sources, found_aside = find_sequences(given, references)
+    _check_links(given, folder, sources)
     sources = [replace(source, reading=reading) for source in sources]
     if references is None and "reference" in (buffers or ()) and not any(source.stores for source in sources):
         raise ValueError("buffers: reference needs --references, a folder of the same EXR files without noise")
@@ -328,6 +336,21 @@ def _check_arguments(
         raise ValueError(f"sizes: expected full, half or both, got {', '.join(sizes) or 'none'}")
     for path in given:
         if folder.resolve() == path.resolve() or path.resolve() in folder.resolve().parents:
+            raise ValueError(f"{folder}: lies in {path}, which is read; choose a folder elsewhere")
+
+
+def _check_links(given: list[Path], folder: Path, sources: Sequence[Source]) -> None:
+    """Raise `ValueError` if the folder lies in one to which a link in the inputs leads: a later run would read it."""
+    above = {folder.resolve(), *folder.resolve().parents}
+    searched = dict.fromkeys(
+        parent
+        for source in sources
+        for root in given
+        for parent in source.files[0].parents
+        if parent.is_relative_to(root)
+    )
+    for path in searched:
+        if path.resolve() in above:
             raise ValueError(f"{folder}: lies in {path}, which is read; choose a folder elsewhere")
 
 
@@ -605,7 +628,9 @@ def _fill(task: _Task, folder: Path, told: Callable[[], object]) -> tuple[str, .
     warned = dict.fromkeys(source.inspect(parameters.buffers))
     writer = _WRITERS[parameters.format](folder, known.frames, parameters.half)
     missing: list[int] = []
-    wanted = {*parameters.buffers, "depth"} if "half" in parameters.sizes else {*parameters.buffers}
+    wanted = {*parameters.buffers}
+    if "half" in parameters.sizes:
+        wanted |= {"depth", *(("validity",) if "history" in wanted else ())}
     read: list[Frame] = []
     made = derive(iter(read.pop, None), wanted)
     with closing(ahead(source.read())) as pairs:
@@ -626,14 +651,17 @@ def _fill(task: _Task, folder: Path, told: Callable[[], object]) -> tuple[str, .
                 images["reference"] = reference
             if lacks := [name for name in parameters.buffers if name not in images]:
                 raise Damaged(f"{path}: no {lacks[0]}, which the first frame of the sequence has")
-            depth, unseen = images.get("depth"), np.asarray(~np.isfinite(frame.color).all(-1))
+            depth, validity = images.get("depth"), images.get("validity")
+            unseen = np.asarray(~np.isfinite(frame.color).all(-1))
             images = {name: images[name] for name in parameters.buffers}
+            warned |= dict.fromkeys(clipped(images, parameters.half))
             for group, rows, columns in groups:
                 cut = {name: image[rows, columns] for name, image in images.items()}
                 if "full" in parameters.sizes:
                     writer.write(index, "/".join(filter(None, (group, "full"))), cut)
                 if "half" in parameters.sizes:
-                    small = halve(cut, None if depth is None else depth[rows, columns], unseen[rows, columns])
+                    near, carried = (None if one is None else one[rows, columns] for one in (depth, validity))
+                    small = halve(cut, near, carried, unseen[rows, columns])
                     writer.write(index, "/".join(filter(None, (group, "half"))), small)
             told()
     if len(missing) < known.frames:

@@ -18,7 +18,7 @@ from ..io import Description, describe, read_exr, sequence_paths
 from ..io.exr import without_colour
 from ..io.headers import MOVED, layers, moved
 from ..io.noisebase import layout, read_noisebase
-from ..io.shots import breaks, natural
+from ..io.shots import breaks, by_shots, natural
 from ..messages import few, told
 from .buffers import MOVING, needs
 
@@ -333,7 +333,7 @@ def _parts(name: str, files: list[Path], lost: dict[int, str]) -> Iterator[Sourc
 def _shots(
     folder: Path, name: str, root: Path, references: str | os.PathLike[str] | None, aside: dict[str, list[str]]
 ) -> Iterator[Source]:
-    for source in _parts(name, sequence_paths(folder), {}):
+    for source in _parts(name, by_shots(sequence_paths(folder)), {}):
         if references is None:
             yield source
             continue

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..io.channels import CANONICAL
-from .buffers import CHANNELS
+from .buffers import CHANNELS, Images
 
 __all__ = ["EXRFiles", "Writer", "ZarrStore", "checksums", "stored"]
 
@@ -100,6 +100,17 @@ def _layer(name: str) -> tuple[str, ...]:
     if name in CANONICAL:
         return CANONICAL[name]
     return tuple(f"{name}.{component}" for component in ("RGB" if CHANNELS[name] == 3 else "Y"))
+
+
+def clipped(images: Images, half: bool) -> list[str]:
+    """Which images have values that float16 does not hold."""
+    kinds = {name: stored(name, half) for name in images}
+    beyond = [
+        name
+        for name, image in images.items()
+        if kinds[name] == np.float16 and (np.abs(image[np.isfinite(image)]) > _HALF_MAX).any()
+    ]
+    return [f"{name}: values beyond ±{_HALF_MAX:g} are stored as that, as 16 bits have no more" for name in beyond]
 
 
 def _typed(name: str, values: NDArray[Any], half: bool) -> NDArray[Any]:

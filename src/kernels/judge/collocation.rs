@@ -17,10 +17,10 @@
 //! from 0 to 1. It is Wiener's share of p − m that is not noise; C, from 0 to N/2, is the noise that m shares with p, as one
 //! of the samples that it was made of.
 //!
-//! **Evidence.** Tiles of 8×8 sum the products, weighted by 1 / (max(⟨y y⟩ + ⟨p p⟩, ⟨q q⟩, ⟨a a⟩, ⟨b b⟩) + (e/1024)²) of the
-//! frame for the exposure e, and the number n of their pixels. So no single frame decides, not even one in which a flash is
-//! gone from samples but not from results. It is carried and averaged as in [`super::choice`]. Where n is below 16, λ and g
-//! are 0.
+//! **Evidence.** Tiles of 8×8 sum the products, weighted by 1 / (max(⟨y y⟩ + ⟨p p⟩, ⟨q q⟩/16, ⟨a a⟩/16, ⟨b b⟩/16) + (e/1024)²)
+//! of the frame for the exposure e, and the number n of their pixels. So no single frame decides for long, not even one in
+//! which a flash is gone from samples but not from results. It is carried and averaged as in [`super::choice`]. Where n is
+//! below 16, λ and g are 0.
 //!
 //! Inputs: luminances of y, p, q, a and b (5), motion (2), coverage (1), evidence (14; of an eighth of the size). Outputs:
 //! λ and g (2) and evidence, of an eighth of the size.
@@ -61,6 +61,9 @@ pub const SHARES: usize = 2;
 /// κ: correlation of new samples with those of two frames before below which their product is chance. Measured on sequences
 /// of 1 to 64 samples: with 0.05, those of 2 samples lose 0.2 dB at lamps; with 0.2, those of 64 lose 0.3 dB.
 const LEAST: f32 = 0.1;
+/// A frame counts for at most so many ordinary ones, where a result keeps what samples do not have. Measured: with 1, `BMFR`
+/// loses 14 % of the relative error on glossy plates; without a bound, one flash decides for a hundred frames.
+const MOST: f32 = 16.0;
 /// Of the exposure: detail below it is black.
 const BLACK: f32 = 1.0 / 1024.0;
 
@@ -229,7 +232,7 @@ impl<L> Collocate<'_, L> {
     fn weigh(&self, sums: &[f32; CHANNELS], evidence: &mut [f32]) {
         let (products, n) = (&sums[..PAIRS.len()], sums[PAIRS.len()]);
         let [y, p, q, a, b] = ENERGIES.map(|k| products[k]);
-        let energy = [q, a, b].into_iter().fold(y + p, larger);
+        let energy = larger(y + p, larger(q, larger(a, b)) / MOST);
         if n == 0.0 || energy.is_infinite() {
             return;
         }

@@ -197,6 +197,8 @@ impl<'a> Estimate<'a> {
         let (m1, m2) = (first / weight, second / weight);
         let samples = length.or_all(length.above(1.0), 1.0);
         let young = Lanes::all(simd, self.params.min_length) / samples;
+        // Old pixels whose own moments are missing are no surer than others.
+        let young = young.or_all(young.above(1.0), 1.0);
         floored_all((m2 - m1 * m1) * young).or_all(weight.above(0.0), 0.0)
     }
 

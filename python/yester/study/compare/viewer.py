@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import os
 import re
+import warnings
 import zlib
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
@@ -123,12 +124,23 @@ def _matched(paths: dict[str, list[Path]]) -> list[tuple[Path, ...]]:
     named = [{path.name: path for path in files} for files in paths.values()]
     common = [path.name for path in first if all(path.name in other for other in named[1:])]
     if common:
+        for name, files in paths.items():
+            if len(files) > len(common):
+                lone = next(path for path in files if path.name not in common)
+                left = f"{len(files) - len(common)} files of {name}, such as {lone.name}"
+                warnings.warn(f"sources: {left}, are left out, as not all have one of that name", stacklevel=4)
         return [tuple(each[name] for each in named) for name in common]
     for name, files in paths.items():
         if len(files) != len(first):
             counts = f"{len(first)} in {next(iter(paths))}, {len(files)} in {name}"
             raise ValueError(f"sources: expected files of the same names, or equally many, got {counts}")
-    return [*zip(first, *others, strict=True)]
+    frames = [*zip(first, *others, strict=True)]
+    for frame in frames:
+        if len({*_numbered([path.stem for path in frame])}) > 1 and all(path.stem[-1:].isdigit() for path in frame):
+            shown = " beside ".join(str(path) for path in frame)
+            warnings.warn(f"sources: files are paired by their order, with other numbers: {shown}", stacklevel=4)
+            break
+    return frames
 
 
 def _packed(color: NDArray[np.float32], *, half: bool) -> tuple[int, str]:
