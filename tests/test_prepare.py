@@ -585,7 +585,7 @@ def test_what_is_stored(inputs, tmp_path):
             x, y = place["x"], place["y"]
             assert x % 2 == y % 2 == 0
             cut = {name: image[y : y + 12, x : x + 16] for name, image in images.items()}
-            for size, made in (("full", cut), ("half", halve(cut, cut["depth"]))):
+            for size, made in (("full", cut), ("half", halve(cut, cut["depth"], cut["validity"]))):
                 exr = read_exr(tmp_path / "exr" / "one" / crop / size / f"frame_{index:04}.exr")
                 for name, image in made.items():
                     stored = data[crop][size][name]

@@ -52,8 +52,9 @@ _FARTHEST = 1e14
 _PIXELS = 250_000
 #: Slope of albedo over colour from which albedo is called lit. Paint may follow normals, too, but less.
 _LIT = 0.7
-#: Fewer objects do not tell lighting from paint that follows normals by chance.
-_OBJECTS = 3
+#: Deviation of the shares of red, green and blue from normal to normal above which an object is painted: light that is
+#: left in albedo changes them little.
+_HUE = 0.02
 #: Share of a surface's pixels with other ids than before up to which ids are right, and from which they are wrong.
 _KEEPS, _CHANGES = 0.25, 0.5
 #: Rivals that are printed.
@@ -1070,12 +1071,9 @@ def _albedo(shot: list[Frame]) -> Finding:
     found = [each for frame in shot for each in _lit(frame)]
     if len(found) < 4:
         return Finding("albedo", "unclear", "from 0 to 1; too few normals to tell whether it contains lighting")
-    number, share, weight = np.array(found).T
+    share, weight = np.array(found).T
     mean = float((share * weight).sum() / weight.sum())
     error = float(np.sqrt((weight**2 * (share - mean) ** 2).sum()) / weight.sum())
-    if mean > max(_LIT, _SIGMAS * error) and len(np.unique(number)) < _OBJECTS:
-        stored = f"from 0 to 1; it follows colour from normal to normal (slope {mean:.2f}), as paint does in even light"
-        return Finding("albedo", "unclear", stored, "", 1 - mean, error, (), ("color", "normal", "ids"))
     if mean > max(_LIT, _SIGMAS * error):
         stored = f"contains lighting: within objects it follows colour from normal to normal (slope {mean:.2f})"
         return Finding("albedo", "wrong", stored, "the reflectance alone, without light", mean, error, (), ("color",))
@@ -1090,14 +1088,16 @@ def _is_colour(frame: Frame) -> bool:
     return bool(lit.any() and np.isclose(albedo, color.clip(0, 1), rtol=1e-3, atol=1e-6)[lit].all(-1).mean() > 0.9)
 
 
-def _lit(frame: Frame) -> Iterator[tuple[int, float, float]]:
-    """For each object, its id, the slope of albedo over colour, both as functions of the normal, and its weight.
+def _lit(frame: Frame) -> Iterator[tuple[float, float]]:
+    """For each object, the slope of albedo over colour, both as functions of the normal, and its weight.
 
     Within an object, colour follows the normals by its lighting; albedo should not. Means over groups of like normals
     free both from texture and noise. The slope is that of logarithms: 0 for a reflectance, 1 where it is lit alike.
+    Such objects are left out if hue changes with the normal: they are painted, and in even light colour follows paint.
     """
     ids, normal = np.asarray(frame.ids), np.asarray(frame.normal, np.float64)
-    albedo = np.asarray(frame.albedo, np.float64).mean(-1)
+    paint = np.asarray(frame.albedo, np.float64)
+    albedo = paint.mean(-1)
     color = np.nan_to_num(np.asarray(frame.color, np.float64).mean(-1), posinf=0)
     color -= 0 if frame.emission is None else np.asarray(frame.emission, np.float64).mean(-1)
     for number in np.unique(ids[ids > 0]):
@@ -1114,8 +1114,14 @@ def _lit(frame: Frame) -> Iterator[tuple[int, float, float]]:
         weights = count[kept] / count[kept].sum()
         a, c = a - weights @ a, c - weights @ c
         variance = float(weights @ c**2)
-        if variance > 0.01:
-            yield int(number), float(weights @ (a * c)) / variance, variance * float(here.sum())
+        if variance <= 0.01:
+            continue
+        slope = float(weights @ (a * c)) / variance
+        hues = np.stack([np.bincount(group, weights=paint[here, k])[kept] for k in range(3)])
+        hues = hues / hues.sum(0)
+        painted = ((hues - hues @ weights[:, None]) ** 2).sum(0) @ weights > _HUE**2
+        if slope < _LIT or not painted:
+            yield slope, variance * float(here.sum())
 
 
 # Ids
