@@ -229,7 +229,7 @@ def test_kept_output(capsys):
     assert ("".join(outer), "".join(inner), capsys.readouterr().out) == ("a\nd\n", "b\n", "c\ne\n")
 
 
-@pytest.mark.filterwarnings("ignore:.*worldToNDC. not used")  # positions are noise
+@pytest.mark.filterwarnings("ignore:worldToNDC. not used")  # positions are noise
 @pytest.mark.parametrize("name", sorted(fuzz_exr.samples().keys() - {"deep"}))
 def test_undamaged_parts_are_read(tmp_path, name):
     (tmp_path / "a.exr").write_bytes(fuzz_exr.samples()[name])

@@ -793,7 +793,8 @@ def _frame(contents: Contents, parts: dict[int, Any]) -> Frame:
     except (TypeError, ValueError) as error:
         raise ValueError(f"{path}: {error}") from None
     if cameras and camera is None:
-        warnings.warn(f"{path}: worldToNDC: not used, as it puts positions elsewhere on the screen", stacklevel=2)
+        # The same text for every file of a sequence, so that it can be told once.
+        warnings.warn("worldToNDC: not used, as it puts positions elsewhere on the screen", stacklevel=2)
     return frame
 
 
