@@ -239,6 +239,8 @@ def test_doors(tmp_path):
     assert {row["added"] for row in rows} == {"0"}
     (line,) = [line for line in result.stdout.splitlines() if line.startswith("SVGF - id test and weight")]
     assert "+0.00 dB ( 0) +0.00 dB grass" in line
+    line = refused("chart", tmp_path, "--doors", "raw albedo", "-o", tmp_path / "bad")
+    assert "--doors: expected none of raw albedo with FRAMES" in line
     line = refused("chart", *given, "--doors", "no idols", "-o", tmp_path / "bad")
     assert all(name in line for name in ("--doors", "no idols", *poor))
     assert not (tmp_path / "bad").exists()

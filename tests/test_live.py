@@ -39,14 +39,14 @@ class Scene:
     def __post_init__(self):
         self.lights = ["lamp"]
         self.begun, self.gate = threading.Semaphore(0), threading.Semaphore(0)
-        self.fails = False
+        self.fails, self.error = False, RuntimeError("out of paint")
 
     def render(self, shot):
         self.shots.append(shot)
         self.begun.release()
         assert self.gate.acquire(timeout=SECONDS)
         if self.fails:
-            raise RuntimeError("out of paint")
+            raise self.error
         width, height = shot.size
         color = np.full((height, width, 3), 0.5 if shot.light else 0.01, np.float32)
         return yester.Frame(color, albedo=np.ones_like(color), depth=np.ones(color.shape[:2]))
@@ -360,6 +360,22 @@ def test_history_begins_anew_after_an_error(scene, session):
     begun(scene)
     scene.gate.release()
     assert screen.until(lambda p: p.number == 4).samples == 1
+
+
+def test_an_interrupted_frame_is_left_out(scene, session):
+    """As Mitsuba ends on SIGINT in any thread, also where that is not the end of the program, as in a notebook."""
+    screen = Screen(session)
+    scene.error = InterruptedError("rendering was interrupted")
+    pass_frames(scene, 3)
+    begun(scene)
+    scene.fails = True
+    scene.gate.release()
+    begun(scene)
+    scene.fails = False
+    scene.gate.release()
+    picture = screen.until(lambda p: p.number == 4)
+    assert (picture.samples, picture.frozen) == (1, False)
+    assert not any("error" in word for word in screen.words)
 
 
 def test_recording(scene, session, tmp_path):

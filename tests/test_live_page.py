@@ -451,6 +451,51 @@ def test_second_viewer_and_one_who_leaves(page, browser, address):
     until(page, f"h.number > {number + 5}")
 
 
+def test_parameters_of_two_viewers(page, browser, address):
+    """Those of the other are shown once nobody is about to change one here, and refused ones go back."""
+    other = opened(browser, address)
+    page.locator("[data-name=alpha] input").focus()
+    other.locator("[data-name=iterations] input").fill("1")
+    until(page, "h.parameters.iterations === 1")
+    expect(page.locator("[data-name=iterations] input")).not_to_have_value("1")
+    page.locator("[data-name=alpha] input").blur()
+    expect(page.locator("[data-name=iterations] input")).to_have_value("1")
+    page.locator("[data-name=sigma_depth] input").fill("-1")
+    page.locator("[data-name=sigma_depth] input").blur()
+    expect(page.locator(".error")).to_contain_text("sigma_depth: expected a number above 0")
+    expect(page.locator("[data-name=sigma_depth]")).to_have_class("control")
+    page.locator("[data-name=alpha] input").fill("0.5")
+    until(page, "h.parameters.alpha === 0.5 && h.parameters.iterations === 1")
+    other.context.close()
+
+
+def test_home_while_frozen(page):
+    drag(page, (100, 0))
+    turned(page)
+    page.keyboard.press(" ")
+    until(page, "h.frozen")
+    page.keyboard.press("Home")
+    page.keyboard.press("ArrowUp")
+    page.keyboard.press(" ")
+    until(page, "!h.frozen && h.pose.eye[1] > app.hello.home.eye[1] + 0.01")
+    assert abs(page.evaluate("app.header.pose.eye[0] - app.hello.home.eye[0]")) < 1e-6
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no such signals")
+@pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])
+def test_the_end_of_the_terminal_completes_a_recording(browser, tmp_path, name):
+    with served("--size", "64x60", "-o", tmp_path) as (address, running):
+        page = opened(browser, address)
+        page.keyboard.press("s")
+        until(page, "h.recording && h.recording.frames > 1")
+        running.send_signal(getattr(signal, name))
+        running.wait(60)
+        page.context.close()
+    (made,) = tmp_path.iterdir()
+    shots = json.loads((made / "path.json").read_text())["shots"]
+    assert len(shots) == len([*(made / "frames").iterdir()]) > 1
+
+
 @pytest.mark.long
 def test_recording_is_read_by_the_commands(page, folder, tmp_path, capsys):
     page.keyboard.press("s")
@@ -486,6 +531,40 @@ def test_recording_is_read_by_the_commands(page, folder, tmp_path, capsys):
 def world(tmp_path) -> World:
     (tmp_path / "own.xml").write_text(SCENE)
     return World(tmp_path / "own.xml", (12, 8))
+
+
+def test_interrupted_frames_are_no_frames(world):
+    """Mitsuba ends rendering on SIGINT, whatever Python does with it, and has a part of the image."""
+    before = signal.signal(signal.SIGINT, lambda *_: None)
+    try:
+        with ThreadPoolExecutor(1) as pool:
+            rendering = pool.submit(world.render, Shot(world.home, (3000, 2000)))
+            time.sleep(0.5)
+            signal.raise_signal(signal.SIGINT)
+            with pytest.raises(InterruptedError, match="rendering was interrupted"):
+                rendering.result()
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert world.render(Shot(world.home, (12, 8))).color.all()
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ('up="0, 0, 1"', 'up="0.5, 0, 1"'),
+        ('<film type="hdrfilm">', '<float name="principal_point_offset_x" value="0.1"/><film type="hdrfilm">'),
+    ],
+)
+def test_cameras_that_a_pose_does_not_hold(tmp_path, old, new):
+    (tmp_path / "own.xml").write_text(SCENE.replace(old, new))
+    with pytest.warns(UserWarning, match=r"own\.xml: sensor: expected no crop, principal point offset, mirror or roll"):
+        World(tmp_path / "own.xml")
+
+
+def test_no_recording(tmp_path, capsys):
+    with pytest.raises(SystemExit):
+        recording.main([str(tmp_path / "none")])
+    assert "none/path.json" in capsys.readouterr().err
 
 
 def test_world_after_a_frame_that_failed(world, monkeypatch):

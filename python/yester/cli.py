@@ -776,6 +776,9 @@ def _chart_arguments(options: argparse.Namespace) -> tuple[list[str], list[Any]]
     if options.doors is None:
         return metrics or [*(LIMITS if options.ablate else METRICS)], [*DOORS[:1]]
     names = _known("--doors", options.doors, [door.name for door in DOORS])
+    raw = [door.name for door in DOORS if door.raw and door.name in names]
+    if options.frames and raw:
+        raise ValueError(f"--doors: expected none of raw albedo with FRAMES, which have one albedo, got {raw[0]}")
     return metrics or [*LIMITS], [door for door in DOORS if not names or door.name in names]
 
 
@@ -817,9 +820,10 @@ def _chart_points(options: argparse.Namespace, recordings: list[Any], metrics: l
 
 
 def _chart_ablation(options: argparse.Namespace, recordings: list[Any], metrics: list[str], doors: list[Any]) -> None:
-    from .study.compare.ablation import ablate, harmful, table
+    from .study.compare.ablation import ABLATIONS, ablate, harmful, table
 
-    effects = ablate(recordings, options.output, metrics=metrics, doors=doors, size=options.time_size)
+    own = [one for one in ABLATIONS if not (options.no_peers and "OIDN" in one.whole.name)]
+    effects = ablate(recordings, options.output, metrics=metrics, doors=doors, ablations=own, size=options.time_size)
     _tell_harm(table(effects), harmful(effects), metrics)
 
 

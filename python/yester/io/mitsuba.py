@@ -598,13 +598,16 @@ class Stage:
             self.drjit.set_thread_count(before)
 
     def render(self, integrator: Any, sensor: Any, seed: int, spp: int = 1) -> dict[str, NDArray[np.float32]]:
-        """The layers of the film by name, (H, W, C); the unnamed one is colour."""
+        """The layers of the film by name, (H, W, C); the unnamed one is colour. InterruptedError on an interrupt."""
         # Each block of the image has its own random numbers, and blocks are halved until there are more than threads:
         # with as many threads, bits would depend on their number.
         width, height = sensor.film().size()
         blocks = math.ceil(width / _BLOCK) * math.ceil(height / _BLOCK)
         with self.threads(max(blocks - 1, 1)):
             integrator.render(self.scene, sensor=sensor, seed=seed, spp=spp)
+        # On SIGINT, Mitsuba ends in any thread, with the blocks that it has.
+        if integrator.should_stop():
+            raise InterruptedError("rendering was interrupted")
         bitmap = sensor.film().bitmap()
         pixels = np.array(bitmap)
         layers = [field.name.rpartition(".")[0] for field in bitmap.struct_()]

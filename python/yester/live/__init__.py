@@ -7,8 +7,11 @@ from __future__ import annotations
 
 import asyncio
 import os
+import signal
+import threading
 import webbrowser
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -74,7 +77,21 @@ def run(
                 webbrowser.open(server.address)
 
         try:
-            with suppress(KeyboardInterrupt):
+            with suppress(KeyboardInterrupt), _ended():
                 asyncio.run(server.serve(started))
         finally:
             session.close()
+
+
+@contextmanager
+def _ended() -> Iterator[None]:
+    """Take an end of the process, or of its terminal, for Ctrl-C, so that a recording is completed."""
+    ends = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    if threading.current_thread() is not threading.main_thread():
+        ends = []  # signals are the main thread's
+    former = {number: signal.signal(number, lambda *_: signal.raise_signal(signal.SIGINT)) for number in ends}
+    try:
+        yield
+    finally:
+        for number, handler in former.items():
+            signal.signal(number, handler)

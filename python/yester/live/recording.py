@@ -142,7 +142,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("folder", metavar="FOLDER", type=Path, help="of a recording")
     parser.add_argument("--spp", metavar="N", type=int, default=256, help="samples per pixel; %(default)s")
     options = parser.parse_args(arguments)
-    print(references(options.folder, options.spp))
+    try:
+        print(references(options.folder, options.spp))
+    except (OSError, ValueError) as error:
+        parser.error(str(error))
 
 
 if __name__ == "__main__":

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import re
+import warnings
 from collections.abc import Generator, Iterator
 from contextlib import closing
 from dataclasses import dataclass, field
@@ -153,6 +154,7 @@ class World:
             except RuntimeError as error:
                 raise ValueError(f"{self.path}: {error}") from error
             self.home, self.fov, whole = self._sensor()
+            self._compare_home(whole)
             names = [name for name in self._stage.parameters.keys() if self._shines(name)]  # noqa: SIM118
         self.lights = names
         self._off = self._stage.values({name: type(self._stage.parameters[name])(0.0) for name in names})
@@ -186,6 +188,15 @@ class World:
             ahead = 1.0
         fov = math.degrees(2 * math.atan(1 / abs(projection[1, 1] / projection[3, 2])))
         return Pose(_vector(eye), _vector(eye + ahead * forward), _vector(up)), fov, (width, height)
+
+    def _compare_home(self, size: tuple[int, int]) -> None:
+        """Warn if the first view is not that of the scene's camera: a pose has no crop, offset, mirror or roll."""
+        own, home = renderer.camera(self._stage.scene.sensors()[0]), self.camera(self.home, size)
+        corners = np.array([[0, 0], [size[0], 0], [0, size[1]]], np.float32)
+        ahead = np.full(3, np.linalg.norm(np.subtract(self.home.target, self.home.eye)), np.float32)
+        if np.abs(own.project(home.unproject(corners, ahead))[0] - corners).max() > 1:
+            about = "expected no crop, principal point offset, mirror or roll: the view is that without them"
+            warnings.warn(f"{self.path}: sensor: {about}", stacklevel=3)
 
     def camera(self, pose: Pose, size: tuple[int, int]) -> Camera:
         """The camera of a pose."""

@@ -287,6 +287,10 @@ class Session:
                 if handed is not None:
                     handed.result()
                 handed = self._denoiser.submit(self._denoise, done)
+            except InterruptedError:
+                with self._wake:
+                    # The frame is lost, and with it the motion of the next one.
+                    self._cut = True
             except Exception as error:  # is told to those who look, who may go on
                 with self._wake:
                     # The world's next frame has no motion, and the pipeline may have failed halfway.
