@@ -561,6 +561,19 @@ def test_cameras_that_a_pose_does_not_hold(tmp_path, old, new):
         World(tmp_path / "own.xml")
 
 
+def test_light_of_textures_goes_off_as_well(tmp_path):
+    lamp = """<shape type="rectangle" id="screen"><transform name="to_world"><translate z="2"/></transform>
+      <emitter type="area"><texture type="TEXTURE" name="radiance">FILE</texture></emitter></shape>"""
+    Image.new("RGB", (4, 4), (200, 90, 30)).save(tmp_path / "a.png")
+    for texture, file in (("checkerboard", ""), ("bitmap", '<string name="filename" value="a.png"/>')):
+        own = lamp.replace("TEXTURE", texture).replace("FILE", file)
+        (tmp_path / "own.xml").write_text(SCENE.replace("</scene>", f"{own}</scene>"))
+        world = World(tmp_path / "own.xml", (12, 8))
+        lit, dark = (world.reference(Shot(world.home, world.size, light=on), 1, 0).color for on in (True, False))
+        assert lit.any()
+        assert not dark.any()
+
+
 def test_no_recording(tmp_path, capsys):
     with pytest.raises(SystemExit):
         recording.main([str(tmp_path / "none")])

@@ -26,7 +26,7 @@ Vector = tuple[float, ...]
 #: Older versions of LLVM end the process on code that Dr.Jit generates ("Cannot select: fminimum").
 _LLVM = 16
 #: Parameters that scale light, by the ends of their names; of those called scale, only those of emitters do.
-_LIGHT = re.compile(r"(.*)\.((?:ir)?radiance\.value|intensity\.value|scale)$")
+_LIGHT = re.compile(r"(.*)\.((?:(?:ir)?radiance|intensity)\.(?:value|data|color[01]\.value)|scale)$")
 #: Seconds in which the cube flies through the box, before it flies back.
 _FLIGHT = 4.0
 
@@ -157,7 +157,7 @@ class World:
             self._compare_home(whole)
             names = [name for name in self._stage.parameters.keys() if self._shines(name)]  # noqa: SIM118
         self.lights = names
-        self._off = self._stage.values({name: type(self._stage.parameters[name])(0.0) for name in names})
+        self._off = self._stage.values({name: self._stage.parameters[name] * 0 for name in names})
         self.size = size or whole
         self.seed = seed
         self._film = _Film()
