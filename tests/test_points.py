@@ -29,6 +29,13 @@ def test_front_where_low_is_good():
     assert pareto([], METRICS["flip"]) == []
 
 
+def test_sharper_than_the_reference_is_not_better():
+    points = [point("a", 1, edge_sharpness=0.8), point("b", 2, edge_sharpness=1.6), point("c", 3, edge_sharpness=0.98)]
+    assert [p.method for p in pareto(points, METRICS["edge_sharpness"])] == ["a", "c"]
+    (line,) = [line for line in table(points).splitlines() if "*" in line.partition("ms")[2] or line.endswith("*")]
+    assert line.startswith("c ")
+
+
 def test_means():
     points = [
         *(point("a", 2, "s", psnr=30, flip=0.1), point("b", 5, "s", psnr=20)),

@@ -741,6 +741,8 @@ class Metric:
         The reference of a frame, that of the frame before as well, or none.
     measure : callable
         Takes (image, reference), (image, before, reference, reference_before), or (image, before, motion, valid).
+    exact : float, optional
+        The reference's own value, if larger and smaller ones are both worse.
 
     See Also
     --------
@@ -752,6 +754,13 @@ class Metric:
     higher_is_better: bool
     needs: Literal["reference", "references", "none"]
     measure: Callable[..., float]
+    exact: float | None = None
+
+    def loss(self, value: float) -> float:
+        """Smaller for better values."""
+        if self.exact is not None:
+            return abs(value - self.exact)
+        return -value if self.higher_is_better else value
 
 
 METRICS = {
@@ -762,7 +771,7 @@ METRICS = {
         Metric("smape", "SMAPE", False, "reference", smape),
         Metric("ssim", "SSIM", True, "reference", ssim),
         Metric("flip", "FLIP", False, "reference", flip),
-        Metric("edge_sharpness", "edge sharpness (1: the reference's)", True, "reference", edge_sharpness),
+        Metric("edge_sharpness", "edge sharpness (1: the reference's)", True, "reference", edge_sharpness, exact=1.0),
         Metric("temporal_error", "temporal error (RMS)", False, "references", temporal_error),
         Metric("tpsnr", "tPSNR [dB]", True, "references", tpsnr),
         Metric("warped_error", "warped error (RMS)", False, "none", warped_error),

@@ -55,7 +55,7 @@ def gains(having: Mapping[str, float], lacking: Mapping[str, float]) -> dict[str
     result = {}
     for key, without in lacking.items():
         each = METRICS[key]
-        better = (having[key] - without) * (1 if each.higher_is_better else -1)
+        better = each.loss(without) - each.loss(having[key])
         result[key] = better if _in_db(each) else better / max(abs(without), 1e-9)
     return result
 

@@ -110,13 +110,12 @@ def pareto(points: Sequence[Point], metric: Metric) -> list[Point]:
     list of Point
         Ordered from the fastest to the most accurate.
     """
-    sign = -1 if metric.higher_is_better else 1
     front: list[Point] = []
     for point in sorted(
         (point for point in points if metric.key in point.values),
-        key=lambda point: (point.ms, sign * point.values[metric.key]),
+        key=lambda point: (point.ms, metric.loss(point.values[metric.key])),
     ):
-        if not front or sign * point.values[metric.key] < sign * front[-1].values[metric.key]:
+        if not front or metric.loss(point.values[metric.key]) < metric.loss(front[-1].values[metric.key]):
             front.append(point)
     return front
 
@@ -125,9 +124,7 @@ def table(points: Sequence[Point]) -> str:
     """Write the points of one scene as text; a star marks the best value of each column."""
     metrics = [metric for metric in METRICS.values() if any(metric.key in point.values for point in points)]
     best = {
-        metric.key: (max if metric.higher_is_better else min)(
-            point.values[metric.key] for point in points if metric.key in point.values
-        )
+        metric.key: min((point.values[metric.key] for point in points if metric.key in point.values), key=metric.loss)
         for metric in metrics
     }
     width = max(len(point.method) for point in points)

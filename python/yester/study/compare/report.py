@@ -281,7 +281,10 @@ def write_report(
         # Methods with equal maps share one copy.
         images: dict[bytes, int] = {}
         data: dict[str, Any] = {
-            "metrics": [{"key": m.key, "label": m.label, "higher": m.higher_is_better} for m in _metrics(points)],
+            "metrics": [
+                {"key": m.key, "label": m.label, "higher": m.higher_is_better, "exact": m.exact}
+                for m in _metrics(points)
+            ],
             "scenes": [
                 {
                     "name": scene,
@@ -375,9 +378,9 @@ def _axes(figure: Figure, metric: Metric, values: Sequence[float]) -> Any:
     axes.tick_params(length=0, labelsize=9, labelcolor=INK, pad=5)
     for side, spine in axes.spines.items():
         spine.set(visible=side in ("left", "bottom"), edgecolor=GRID)
-    which = "higher" if metric.higher_is_better else "lower"
+    which = "higher is better" if metric.higher_is_better else "lower is better"
     axes.set_xlabel("time of a frame [ms]", color=INK, size=10)
-    axes.set_ylabel(f"{metric.label}, {which} is better", color=INK, size=10)
+    axes.set_ylabel(metric.label if metric.exact is not None else f"{metric.label}, {which}", color=INK, size=10)
     return axes
 
 
