@@ -3,6 +3,7 @@
 from dataclasses import replace
 from itertools import pairwise
 
+import layouts
 import numpy as np
 import pytest
 import yester
@@ -294,6 +295,18 @@ def test_command(tmp_path, capsys):
     assert "wrong" not in capsys.readouterr().out
     assert cli.main(["check", str(tmp_path / "frame_0000.exr")]) == 2
     assert "expected at least two consecutive frames" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("components", ["XYZ", "RGB", "RG", "XY"])
+def test_what_may_be_motion_is_tried(tmp_path, capsys, components):
+    """Of three components, the first two."""
+    for i, frame in enumerate(sequence()[2:5]):
+        planes = {f"motionvector.{c}": np.zeros(frame.shape, np.float32) for c in components}
+        planes |= {f"motionvector.{c}": frame.motion[..., k].copy() for k, c in enumerate(components[:2])}
+        color = {c: frame.color[..., k].copy() for k, c in enumerate("RGB")}
+        layouts.store(tmp_path / f"{i}.exr", color | planes, {})
+    cli.main(["check", str(tmp_path), "--frames", "3"])
+    assert f"tried: motion=motionvector.{components[0]},motionvector.{components[1]}\n" in capsys.readouterr().out
 
 
 @pytest.mark.slow
