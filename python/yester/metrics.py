@@ -757,7 +757,24 @@ class Metric:
     exact: float | None = None
 
     def loss(self, value: float) -> float:
-        """Smaller for better values."""
+        """Order values by how good they are.
+
+        Parameters
+        ----------
+        value : float
+            Of this metric.
+
+        Returns
+        -------
+        float
+            Smaller for better values.
+
+        Examples
+        --------
+        >>> found = yester.metrics.metric("edge_sharpness")
+        >>> found.loss(1.5) == found.loss(0.5) > found.loss(0.9)
+        True
+        """
         if self.exact is not None:
             return abs(value - self.exact)
         return -value if self.higher_is_better else value
