@@ -301,12 +301,12 @@ def test_command(tmp_path, capsys):
 def test_what_may_be_motion_is_tried(tmp_path, capsys, components):
     """Of three components, the first two."""
     for i, frame in enumerate(sequence()[2:5]):
-        planes = {f"motionvector.{c}": np.zeros(frame.shape, np.float32) for c in components}
-        planes |= {f"motionvector.{c}": frame.motion[..., k].copy() for k, c in enumerate(components[:2])}
+        planes = {f"velocity.{c}": np.zeros(frame.shape, np.float32) for c in components}
+        planes |= {f"velocity.{c}": frame.motion[..., k].copy() for k, c in enumerate(components[:2])}
         color = {c: frame.color[..., k].copy() for k, c in enumerate("RGB")}
-        layouts.store(tmp_path / f"{i}.exr", color | planes, {})
+        layouts.store(tmp_path / f"{i}.exr", color | planes, {"vrayInfo/version": "7"})
     cli.main(["check", str(tmp_path), "--frames", "3"])
-    assert f"tried: motion=motionvector.{components[0]},motionvector.{components[1]}\n" in capsys.readouterr().out
+    assert f"tried: motion=velocity.{components[0]},velocity.{components[1]}\n" in capsys.readouterr().out
 
 
 @pytest.mark.slow
