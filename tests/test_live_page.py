@@ -496,6 +496,20 @@ def test_the_end_of_the_terminal_completes_a_recording(browser, tmp_path, name):
     assert len(shots) == len([*(made / "frames").iterdir()]) > 1
 
 
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no such signals")
+def test_nohup_keeps_the_server(browser):
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)  # which the process inherits
+    try:
+        with served("--size", "64x60") as (address, running):
+            page = opened(browser, address)
+            running.send_signal(signal.SIGHUP)
+            number = page.evaluate("app.header.number")
+            until(page, f"h.number > {number + 5}")
+            page.context.close()
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
 @pytest.mark.long
 def test_recording_is_read_by_the_commands(page, folder, tmp_path, capsys):
     page.keyboard.press("s")

@@ -86,12 +86,14 @@ def run(
 @contextmanager
 def _ended() -> Iterator[None]:
     """Take an end of the process, or of its terminal, for Ctrl-C, so that a recording is completed."""
-    ends = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
-    if threading.current_thread() is not threading.main_thread():
-        ends = []  # signals are the main thread's
-    former = {number: signal.signal(number, lambda *_: signal.raise_signal(signal.SIGINT)) for number in ends}
+    known = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    # Not where nohup ignores them, or the program has handlers of its own. Only the main thread may set any.
+    main = threading.current_thread() is threading.main_thread()
+    ends = [number for number in known if main and signal.getsignal(number) == signal.SIG_DFL]
+    for number in ends:
+        signal.signal(number, lambda *_: signal.raise_signal(signal.SIGINT))
     try:
         yield
     finally:
-        for number, handler in former.items():
-            signal.signal(number, handler)
+        for number in ends:
+            signal.signal(number, signal.SIG_DFL)
