@@ -181,6 +181,14 @@ def test_frames_that_do_not_match(folders, tmp_path):
     assert frame.read_bytes() == kept
 
 
+def test_frames_of_other_names_and_the_same_numbers(tmp_path):
+    for folder, name in (("a", "noisy_{:04}"), ("b", "clean_{}")):
+        (tmp_path / folder).mkdir()
+        for i in range(2):
+            write_exr(tmp_path / folder / f"{name.format(i)}.exr", np.ones((HEIGHT, WIDTH, 3)))
+    assert len(write_comparison(tmp_path / "p.html", {"a": tmp_path / "a", "b": tmp_path / "b"})) == 2
+
+
 def test_frames_that_are_left_out_or_have_other_numbers(folders, tmp_path):
     image = np.ones((HEIGHT, WIDTH, 3))
     for folder, numbers in (("a", range(4)), ("b", range(2, 6)), ("c", range(4, 8))):

@@ -114,8 +114,14 @@ def write_comparison(
 
 def _numbered(stems: list[str]) -> list[str]:
     """The numbers at the ends of names, if these tell the names apart."""
-    numbers = [found[0] if (found := re.search(r"\d+$", stem)) else stem for stem in stems]
+    numbers = [_number(stem) or stem for stem in stems]
     return numbers if len({*numbers}) == len(stems) else stems
+
+
+def _number(stem: str) -> str:
+    """The number at the end of a name; empty if there is none."""
+    found = re.search(r"\d+$", stem)
+    return found[0] if found else ""
 
 
 def _matched(paths: dict[str, list[Path]]) -> list[tuple[Path, ...]]:
@@ -136,7 +142,8 @@ def _matched(paths: dict[str, list[Path]]) -> list[tuple[Path, ...]]:
             raise ValueError(f"sources: expected files of the same names, or equally many, got {counts}")
     frames = [*zip(first, *others, strict=True)]
     for frame in frames:
-        if len({*_numbered([path.stem for path in frame])}) > 1 and all(path.stem[-1:].isdigit() for path in frame):
+        numbers = [_number(path.stem) for path in frame]
+        if all(numbers) and len({*map(int, numbers)}) > 1:
             shown = " beside ".join(str(path) for path in frame)
             warnings.warn(f"sources: files are paired by their order, with other numbers: {shown}", stacklevel=4)
             break
