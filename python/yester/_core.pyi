@@ -3489,8 +3489,9 @@ def resample(
     weight : (H', W') float32
         Density of samples near each pixel of the grid, in samples per pixel: each sample contributes a normal
         distribution with a standard deviation of 0.33 pixels of the grid. The average over offsets is the ratio of the
-        pixel counts; on a finer grid the maximum is 1.46, where a sample hits a pixel's centre. Of a coarser grid, the
-        4×4 samples around each pixel count alone, so that the average is lower from half the resolution on.
+        pixel counts; on a finer grid the maximum is 1.46, where a sample hits a pixel's centre. On grids of less
+        than half the resolution the average is lower, 12.1 instead of 16 at a quarter, as only the nearest 4×4 samples
+        count.
 
     Raises
     ------
@@ -4273,7 +4274,7 @@ def splat(
         Their mean position relative to the pixel's centre, -0.5 to 0.5; NaN in holes. Passed to the next call, it
         prevents blur and sub-pixel drift over many frames.
     quality : (H, W) float32
-        Their mean weight ``quality / s**4``, in which each has its own weight, as in `color`; 0 in holes.
+        Mean of their ``quality / s**4``, weighted as `color` is; 0 in holes.
 
     Raises
     ------

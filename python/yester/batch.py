@@ -71,6 +71,7 @@ class Batch:
         self.shots = [range(*ends) for ends in pairwise([0, *sorted(self._breaks), len(self._paths)])]
         self._reading, self._keep_going, self._tell = reading, keep_going, tell
         self._there: set[int] = set()
+        #: The results that this run may replace.
         self._found: set[Path] = set()
         self._odd = _Odd(sparse)
         self._used: dict[str, None] = {}

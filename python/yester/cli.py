@@ -822,7 +822,7 @@ def _chart_points(options: argparse.Namespace, recordings: list[Any], metrics: l
 def _chart_ablation(options: argparse.Namespace, recordings: list[Any], metrics: list[str], doors: list[Any]) -> None:
     from .study.compare.ablation import ABLATIONS, ablate, harmful, table
 
-    own = [one for one in ABLATIONS if not (options.no_peers and "OIDN" in one.whole.name)]
+    own = [one for one in ABLATIONS if not (options.no_peers and one.whole.peer)]
     effects = ablate(recordings, options.output, metrics=metrics, doors=doors, ablations=own, size=options.time_size)
     _tell_harm(table(effects), harmful(effects), metrics)
 

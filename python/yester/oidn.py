@@ -154,7 +154,7 @@ class OIDN(Pipeline):
         for name, array in kept.items():
             if not array.flags.writeable:
                 raise ValueError(f"out.{name}: expected a writable array, got a read-only one")
-        with self._alone_in_step():
+        with self._exclusive():
             output = self._alone(frame) if self._stages is None else self._between(frame, *self._stages)
         for name, array in kept.items():
             array[...] = getattr(output, name)
@@ -162,13 +162,13 @@ class OIDN(Pipeline):
 
     def reset(self) -> None:
         """Discard all history; the next frame starts a new sequence."""
-        with self._alone_in_step():
+        with self._exclusive():
             for stage in self._stages or ():
                 stage.reset()
             self._forget()
 
     @contextmanager
-    def _alone_in_step(self) -> Iterator[None]:
+    def _exclusive(self) -> Iterator[None]:
         """Refuse a second thread: the network's images and the history are those of one step."""
         if not self._in_step.acquire(blocking=False):
             raise RuntimeError("OIDN: expected one thread at a time, got a call while another thread is in a step")

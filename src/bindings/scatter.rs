@@ -55,7 +55,7 @@ const OFFSET: Channels = Channels::Of(&[2]);
 ///     Their mean position relative to the pixel's centre, -0.5 to 0.5; NaN in holes. Passed to the next call, it
 ///     prevents blur and sub-pixel drift over many frames.
 /// quality : (H, W) float32
-///     Their mean weight ``quality / s**4``, in which each has its own weight, as in `color`; 0 in holes.
+///     Mean of their ``quality / s**4``, weighted as `color` is; 0 in holes.
 ///
 /// Raises
 /// ------

@@ -35,8 +35,9 @@ use crate::pixels::PixelsMut;
 /// weight : (H', W') float32
 ///     Density of samples near each pixel of the grid, in samples per pixel: each sample contributes a normal
 ///     distribution with a standard deviation of 0.33 pixels of the grid. The average over offsets is the ratio of the
-///     pixel counts; on a finer grid the maximum is 1.46, where a sample hits a pixel's centre. Of a coarser grid, the
-///     4×4 samples around each pixel count alone, so that the average is lower from half the resolution on.
+///     pixel counts; on a finer grid the maximum is 1.46, where a sample hits a pixel's centre. On grids of less
+///     than half the resolution the average is lower, 12.1 instead of 16 at a quarter, as only the nearest 4×4 samples
+///     count.
 ///
 /// Raises
 /// ------

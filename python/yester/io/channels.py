@@ -197,7 +197,7 @@ _CYCLES = Convention(
             "depth",
             ("Denoising Depth.Z",),
             Form(kind="distance", miss="zero"),
-            note="the length of the first ray that hits what is not a mirror",
+            note="the length of the ray; behind mirrors, from the last of them",
         ),
         # Previous minus current, and current minus next position; y up.
         Layer("motion", ("Vector.XY",), Form(scale=(1, -1)), note="Vector pass of Blender Cycles: turned to y down"),

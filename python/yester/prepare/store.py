@@ -104,11 +104,10 @@ def _layer(name: str) -> tuple[str, ...]:
 
 def clipped(images: Images, half: bool) -> list[str]:
     """Which images have values that float16 does not hold."""
-    kinds = {name: stored(name, half) for name in images}
     beyond = [
         name
         for name, image in images.items()
-        if kinds[name] == np.float16 and (np.abs(image[np.isfinite(image)]) > _HALF_MAX).any()
+        if stored(name, half) == np.float16 and (np.abs(image[np.isfinite(image)]) > _HALF_MAX).any()
     ]
     return [f"{name}: values beyond ±{_HALF_MAX:g} are stored as that, as 16 bits have no more" for name in beyond]
 

@@ -61,8 +61,9 @@ pub const SHARES: usize = 2;
 /// κ: correlation of new samples with those of two frames before below which their product is chance. Measured on sequences
 /// of 1 to 64 samples: with 0.05, those of 2 samples lose 0.2 dB at lamps; with 0.2, those of 64 lose 0.3 dB.
 const LEAST: f32 = 0.1;
-/// A frame counts for at most so many ordinary ones, where a result keeps what samples do not have. Measured: with 1, `BMFR`
-/// loses 14 % of the relative error on glossy plates; without a bound, one flash decides for a hundred frames.
+/// A frame counts for at most so many ordinary ones where earlier samples or results have more energy than the samples.
+/// Measured: with 1, the relative error of `BMFR` on glossy plates grows by 14 %; without a bound, one flash decides for a
+/// hundred frames.
 const MOST: f32 = 16.0;
 /// Of the exposure: detail below it is black.
 const BLACK: f32 = 1.0 / 1024.0;

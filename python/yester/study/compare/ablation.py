@@ -99,7 +99,7 @@ _APART = Method("SVGF, output stage apart", "SVGF", _antialiased())
 
 _BMFR = Method("BMFR", "BMFR", pipeline(BMFR), default=True)
 _HALF_RES = Method("HalfRes", "HalfRes", on_part(quarter, pipeline(HalfRes)), default=True)
-_OIDN = Method("temporal OIDN high", "temporal OIDN", pipeline(OIDN, "high", temporal=True), default=True)
+_OIDN = Method("temporal OIDN high", "temporal OIDN", pipeline(OIDN, "high", temporal=True), default=True, peer=True)
 _RECIRCULATION = Method("Recirculation", "Recirculation", on_part(quarter, pipeline(Recirculation)), default=True)
 
 _NO_DEPTH_TEST: dict[str, Any] = {"relative_depth": _ENDLESS, "plane_distance": _ENDLESS}

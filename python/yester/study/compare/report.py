@@ -378,9 +378,9 @@ def _axes(figure: Figure, metric: Metric, values: Sequence[float]) -> Any:
     axes.tick_params(length=0, labelsize=9, labelcolor=INK, pad=5)
     for side, spine in axes.spines.items():
         spine.set(visible=side in ("left", "bottom"), edgecolor=GRID)
-    which = "higher is better" if metric.higher_is_better else "lower is better"
+    better = "" if metric.exact is not None else f", {'higher' if metric.higher_is_better else 'lower'} is better"
     axes.set_xlabel("time of a frame [ms]", color=INK, size=10)
-    axes.set_ylabel(metric.label if metric.exact is not None else f"{metric.label}, {which}", color=INK, size=10)
+    axes.set_ylabel(f"{metric.label}{better}", color=INK, size=10)
     return axes
 
 
