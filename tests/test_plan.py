@@ -4,6 +4,7 @@ import copy
 import pickle
 import warnings
 from dataclasses import replace
+from itertools import chain
 
 import flight
 import numpy as np
@@ -434,6 +435,71 @@ def test_large_images_are_judged_by_parts():
     assert all(np.isfinite(stage.loss) for stage in found.stages)
 
 
+# Shots
+
+
+def behind(still):
+    """A still shot of the same place, from above."""
+    above = yester.Camera.from_look_at([0, 9, 0.1], [0, 0, 0], [0, 1, 0], 55, *SIZE)
+    seen = flight.sample(flight.scene(0, above))
+    rng = np.random.default_rng(1)
+    return [replace(seen, color=flight.noisy(seen, rng), motion=frame.motion) for frame in still]
+
+
+def lengths(sequence):
+    return [len([*shot]) for shot in yester.split_at_cuts(sequence)]
+
+
+def test_shots(moving, still):
+    """A cut is found by guides; one shot stays whole, also where a buffer is broken."""
+    assert lengths([]) == []
+    assert lengths(moving[:1]) == [1]
+    assert lengths(moving) == [8]
+    other = behind(still)
+    assert lengths([*moving, *other, *moving[:3]]) == [8, 8, 3]
+    # Every other frame is of another shot: none is known to begin one.
+    assert lengths([one for pair in zip(moving, other, strict=True) for one in pair]) == [16]
+    rng = np.random.default_rng(0)
+    broken = [replace(one, ids=rng.integers(1, 2**31, one.shape, dtype=np.uint32)) for one in moving]
+    assert lengths(broken) == [8]
+    alone = [yester.Frame(one.color) for one in (*moving, *other)]
+    assert lengths(alone) == [16]
+    shots = yester.split_at_cuts([*moving, *other])
+    first, second = next(shots), next(shots)
+    assert [*first] == []
+    assert next(second) is other[0]
+
+
+def test_shots_by_counting(still):
+    """Less than a quarter of what was found before is a cut; nothing is told where less than a tenth was found."""
+
+    def shown(share):
+        found = np.zeros(SIZE[::-1], np.float32)
+        found.flat[: round(share * found.size)] = 1
+        return found
+
+    def sequence(*shares):
+        zeros = np.zeros((*SIZE[::-1], 2), np.float32)
+        # Of every frame, the part that is asked for has the ids of the frame before.
+        ids, result = np.ones(SIZE[::-1], int), [yester.Frame(still[0].color, ids=np.ones(SIZE[::-1], int))]
+        for number, share in enumerate(shares, 2):
+            ids = np.where(shown(share) > 0, ids, number)
+            result.append(yester.Frame(still[0].color, ids=ids, motion=zeros))
+        return result
+
+    assert lengths(sequence(0.8, 0.21, 0.8)) == [4]
+    assert lengths(sequence(0.8, 0.19, 0.8)) == [2, 2]
+    assert lengths(sequence(0.11, 0.02)) == [2, 1]
+    assert lengths(sequence(0.09, 0.0)) == [3]
+
+
+def test_shots_of_what_is_no_frame(moving):
+    with pytest.raises(TypeError, match=r"frames: expected yester\.Frame, got ndarray at 1"):
+        lengths([moving[0], moving[1].color])
+    with pytest.raises(ValueError, match=r"frames: expected the size \(64, 96\) of the first, got \(32, 48\) at 1"):
+        lengths([moving[0], *frames(1, size=(48, 32))])
+
+
 # The command line
 
 
@@ -460,6 +526,26 @@ def test_commands(folder, tmp_path):
     for frame, want in zip(paths, wanted, strict=True):
         for place in ("planned", "auto"):
             assert_same_bits(read_exr(tmp_path / place / frame.name).color, want.color)
+
+
+@pytest.mark.slow
+def test_a_cut_has_another_plan(moving, still, tmp_path):
+    """History starts anew behind it; only the shot that stands still averages all samples."""
+    (tmp_path / "film").mkdir()
+    shots = moving, behind(still)
+    for number, frame in enumerate(chain(*shots)):
+        write_exr(tmp_path / "film" / f"{number}.exr", frame)
+    said = run("denoise", tmp_path / "film", "-o", tmp_path / "out").stderr.splitlines()
+    found = [yester.plan(shot) for shot in shots]
+    assert [one.static for one in found] == [False, True]
+    assert f"plan: {found[0].summary()}" in said
+    assert f"plan, behind a cut after 8 frames: {found[1].summary()}" in said
+    read = [read_exr(tmp_path / "film" / f"{number}.exr") for number in range(16)]
+    parts = zip(found, (read[:8], read[8:]), strict=True)
+    wanted = chain(*(yester.denoise(part, one.pipeline()) for one, part in parts))
+    for number, want in enumerate(wanted):
+        assert_same_bits(read_exr(tmp_path / "out" / f"{number}.exr").color, want.color)
+    assert run("plan", tmp_path / "film").stdout.splitlines()[0] == found[0].summary()
 
 
 @pytest.mark.slow

@@ -73,7 +73,7 @@ from ._core import (
 from .check import Finding, check, check_motion
 from .frame import Frame
 from .oidn import OIDN
-from .plan import Plan, Planned, Stage, plan
+from .plan import Plan, Planned, Stage, plan, split_at_cuts
 from .rejection import Rejection
 from .sequence import denoise
 
@@ -145,6 +145,7 @@ __all__ = [
     "restore_detail",
     "sharpen",
     "splat",
+    "split_at_cuts",
     "suppress_fireflies",
     "temporal_gradient",
     "thin_features",

@@ -25,6 +25,7 @@ from . import (
     Camera,
     Frame,
     HalfRes,
+    Output,
     Plan,
     Recirculation,
     Upscaler,
@@ -32,6 +33,7 @@ from . import (
     check,
     denoise,
     plan,
+    split_at_cuts,
 )
 from ._core import settings
 from .argtypes import count, extent, whole
@@ -427,16 +429,22 @@ def _denoise(options: argparse.Namespace) -> int:
         return [*headers.unmoved(shots), *headers.missing(shots)]
 
     def run(frames: Iterator[Frame], shot: str) -> Iterator[tuple[Frame, tuple[str, ...]]]:
-        method = copy(pipeline)
-        if method is None:
-            first = list(islice(frames, PLANNED))
-            found = _planned(first)
-            tqdm.write(f"plan{shot}: {found.summary()}", file=sys.stderr)
-            # It is for these very frames, of which some may lack a buffer that others have.
-            method, frames = replace(found, buffers=()).pipeline(), chain(first, frames)
-        for output in denoise(frames, method, lookahead):
+        outputs = planned(frames, shot) if pipeline is None else denoise(frames, pipeline, lookahead)
+        for output in outputs:
             # The header's camera and jitter stay as they are.
             yield Frame(output.color), output.used
+
+    def planned(frames: Iterator[Frame], where: str) -> Iterator[Output]:
+        done = 0
+        for shot in split_at_cuts(frames):
+            first = list(islice(shot, PLANNED))
+            found = _planned(first)
+            after = f"{where}, behind a cut after {done} frames" if done else where
+            tqdm.write(f"plan{after}: {found.summary()}", file=sys.stderr)
+            # It is for these very frames, of which some may lack a buffer that others have.
+            for output in denoise(chain(first, shot), replace(found, buffers=()).pipeline(), lookahead):
+                yield output
+                done += 1
 
     named = {"sparse": options.method in ("halfres", "recirculation"), "others": filter(None, [options.plan])}
     return _process(options, "denoise", run, look, **named)
@@ -454,7 +462,7 @@ def _plan(options: argparse.Namespace) -> None:
     known = [describe(path, **reading) for path in paths[: min(end, PLANNED)]]
     for one in known:
         headers.same_albedo(one, known[0])
-    found = _planned(read_sequence(paths[:end], **reading))
+    found = _planned(next(split_at_cuts(read_sequence(paths[:end], **reading))))
     if options.output:
         found.save(options.output)
     print(found)

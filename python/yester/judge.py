@@ -176,15 +176,18 @@ def known_motion(before: Frame, frame: Frame) -> NDArray[np.float32] | None:
     return motion_vectors(place, frame.camera, before.camera)
 
 
+def _fetched_along(before: Frame, frame: Frame) -> NDArray[np.float32]:
+    """The known motion; zero where there is none: the pipelines then fetch in place."""
+    motion = known_motion(before, frame)
+    return np.zeros((*frame.shape, 2), np.float32) if motion is None else motion
+
+
 def repetitions(frames: Sequence[Frame]) -> list[float]:
     """`repetition` of the light of each frame from the second one on; in place where motion is unknown."""
     lights = [light(frame) for frame in frames]
     found, deviation = [], None
     for (before, frame), pair in zip(pairwise(frames), pairwise(lights), strict=True):
-        motion = known_motion(before, frame)
-        if motion is None:
-            motion = np.zeros((*frame.shape, 2), np.float32)
-        share, deviation = repetition(pair[1], pair[0], motion, deviation)
+        share, deviation = repetition(pair[1], pair[0], _fetched_along(before, frame), deviation)
         found.append(share)
     return found
 
@@ -210,6 +213,14 @@ def surface_tests(
     return {**tests, "previous_camera": before.camera if by_plane else None}
 
 
+def found_again(before: Frame, frame: Frame) -> float:
+    """The share of pixels whose surface the frame before shows, too, as far as the buffers tell."""
+    motion = _fetched_along(before, frame)
+    tests = surface_tests(before, frame, motion)
+    _, coverage = reproject([np.zeros(frame.shape, np.float32)], motion, filter="nearest", fallback=False, **tests)
+    return float((coverage > _WHOLE).mean())
+
+
 def _compared(
     firsts: Sequence[ArrayLike],
     second: Sequence[ArrayLike],
@@ -219,10 +230,7 @@ def _compared(
 ) -> NDArray[np.float64]:
     """The sums of one frame, (results, 2, 3, h, w), from the second results for it and for the next."""
     before, frame = frames
-    motion = known_motion(before, frame)
-    if motion is None:
-        # Fetch in place, as the pipelines do.
-        motion = np.zeros((*frame.shape, 2), np.float32)
+    motion = _fetched_along(before, frame)
     tests = surface_tests(before, frame, motion, untested=untested)
     images = [np.asarray(image, np.float32) for image in (second[0], *firsts)]
     carried, coverage = reproject(images, motion, filter="nearest", fallback=False, **tests)

@@ -9,10 +9,11 @@ import os
 import time
 import tomllib
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import islice, pairwise
+from itertools import groupby, islice, pairwise
 from numbers import Integral
+from operator import itemgetter
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -23,9 +24,9 @@ from numpy.typing import NDArray
 from ._core import SVGF, TAA, Camera, History, Output
 from .frame import BUFFERS, Frame
 from .io.files import beside
-from .judge import estimate, known_motion, repetitions, sums
+from .judge import estimate, found_again, known_motion, repetitions, sums
 
-__all__ = ["PLANNED", "Plan", "Planned", "Stage", "plan"]
+__all__ = ["PLANNED", "Plan", "Planned", "Stage", "plan", "split_at_cuts"]
 
 #: Version of the plan's file format.
 _VERSION = 1
@@ -42,6 +43,9 @@ _STRICTNESS, _MARGIN = 2.0, 0.05
 _HARM, _SURFACE_HARM = -0.125, -0.5
 #: Share of pixels found again up to which buffers that distinguish surfaces are taken for broken.
 _FEW = 0.01
+#: A cut: the share of pixels found again, relative to that of the frame before. Least share of that frame, as buffers
+#: may be broken.
+_LOST, _FOUND = 0.25, 0.1
 #: Squared change between frames, relative to the squared radiance, below which nothing changes but by rounding.
 _NOTHING = 1e-8
 #: Radiance above which values cannot be judged, and make results wrong: squares overflow in single precision.
@@ -393,6 +397,63 @@ class Planned:
         return {**vars(self), "_steps": 0}
 
 
+def split_at_cuts(frames: Iterable[Frame]) -> Iterator[Iterator[Frame]]:
+    """Split a sequence where one shot ends and another begins.
+
+    A plan is for one shot, and after a cut there is nothing to be learnt from the frames before.
+
+    Parameters
+    ----------
+    frames : iterable of Frame
+        A sequence of frames of one size.
+
+    Yields
+    ------
+    iterator of Frame
+        A shot. All share `frames`, as with `itertools.groupby`: the frames of a shot are to be taken before the next
+        one is asked for.
+
+    Raises
+    ------
+    TypeError
+        If one is no `Frame`, when that is reached.
+    ValueError
+        If sizes differ.
+
+    See Also
+    --------
+    plan : What a shot needs.
+    disocclusion : The pixels that are not found again.
+
+    Notes
+    -----
+    Pixels are found again if depth, normals and ids, those that there are, agree with those at the other end of the
+    motion, as `reproject` tests them. A cut is where less than a quarter as many are found as in the frame before, if
+    those were at least a tenth of all. Two shots of places that look alike may stay together; so do frames without
+    these buffers, and those without motion whose cameras and depth or position are not known either.
+
+    A cut to another view of the same place may find more than that, and then is none: its history is of use.
+
+    Examples
+    --------
+    >>> near, far = (yester.Frame(np.ones((4, 4, 3)), depth=np.full((4, 4), z)) for z in (1.0, 9.0))
+    >>> [len([*shot]) for shot in yester.split_at_cuts([near, near, near, far, far])]
+    [3, 2]
+    """
+
+    def numbered() -> Iterator[tuple[int, Frame]]:
+        number, before, share = 0, None, 0.0
+        for frame in _alike(frames):
+            found = 0.0 if before is None else found_again(before, frame)
+            # What is found behind a cut tells nothing of the next one.
+            cut = share >= _FOUND and found < _LOST * share
+            number, before, share = number + cut, frame, 0.0 if cut else found
+            yield number, frame
+
+    for _, shot in groupby(numbered(), itemgetter(0)):
+        yield map(itemgetter(1), shot)
+
+
 def plan(frames: Iterable[Frame], *, count: int = PLANNED) -> Plan:
     """Find out what a sequence needs from its first frames: which stages of `SVGF`, and which buffers.
 
@@ -431,6 +492,7 @@ def plan(frames: Iterable[Frame], *, count: int = PLANNED) -> Plan:
     See Also
     --------
     Plan : The result, which can be saved and makes the pipeline.
+    split_at_cuts : The shots of a sequence, each of which needs a plan of its own.
     SVGF : The pipeline that a plan configures.
 
     Notes
@@ -457,19 +519,15 @@ def plan(frames: Iterable[Frame], *, count: int = PLANNED) -> Plan:
         raise TypeError(f"count: expected an integer, got {type(count).__name__}")
     if count < _FEWEST:
         raise ValueError(f"count: expected at least {_FEWEST}, got {count}")
-    shape: tuple[int, int] | None = None
+    shape: tuple[int, int] = (0, 0)
     given: dict[str, None] = {}
     windows: list[list[Frame]] = []
-    for number, frame in enumerate(islice(frames, count)):
-        if not isinstance(frame, Frame):
-            raise TypeError(f"frames: expected yester.Frame, got {type(frame).__name__} at {number}")
-        shape = shape or frame.shape
-        if frame.shape != shape:
-            raise ValueError(f"frames: expected the size {shape} of the first, got {frame.shape} at {number}")
+    for frame in _alike(islice(frames, count)):
+        shape = frame.shape
         given.update(dict.fromkeys(_buffers(frame)))
         windows.append([_cropped(frame, *window) for window in _windows(*shape)])
     buffers = tuple(given)
-    if shape is None or len(windows) < _FEWEST:
+    if len(windows) < _FEWEST:
         return _default(buffers, f"expected at least {_FEWEST} frames to judge by, got {len(windows)}")
     if not {"depth", "normal", "ids"} & given.keys():
         return _default(buffers, "neither depth nor normals nor ids tell surfaces apart")
@@ -482,6 +540,18 @@ def plan(frames: Iterable[Frame], *, count: int = PLANNED) -> Plan:
     if np.median([repetitions(window) for window in shown]) > _REPEATS:
         return _default(buffers, "frames have the noise of the frame before, and cannot judge")
     return _Planning(shown, buffers, shape).plan()
+
+
+def _alike(frames: Iterable[Frame]) -> Iterator[Frame]:
+    """The frames, of which each must be a `Frame` of the first one's size."""
+    shape: tuple[int, int] | None = None
+    for number, frame in enumerate(frames):
+        if not isinstance(frame, Frame):
+            raise TypeError(f"frames: expected yester.Frame, got {type(frame).__name__} at {number}")
+        shape = shape or frame.shape
+        if frame.shape != shape:
+            raise ValueError(f"frames: expected the size {shape} of the first, got {frame.shape} at {number}")
+        yield frame
 
 
 def _default(buffers: tuple[str, ...], reason: str) -> Plan:
