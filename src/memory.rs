@@ -237,8 +237,9 @@ impl<T: Value> Drop for Memory<T> {
         if self.returns
             && let Some(block) = self.block.take().filter(|block| block.len() > 0)
         {
-            CURRENT.with_borrow_mut(|scratch| {
-                if let Some(scratch) = scratch {
+            // Another thread-local that holds images may be dropped after this one: then the block is freed.
+            let _ = CURRENT.try_with(|current| {
+                if let Some(scratch) = &mut *current.borrow_mut() {
                     scratch.free.push(block);
                 }
             });

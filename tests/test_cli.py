@@ -11,6 +11,7 @@ from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import replace
 from functools import partial
 from io import StringIO
+from itertools import combinations
 from pathlib import Path
 
 import flight
@@ -226,6 +227,14 @@ def test_options_of_other_methods_are_refused(sequence, tmp_path, option, value,
     line = refused("denoise", sequence, "-o", out, "--method", method, *given)
     assert line == f"yester: error: {option}: expected --method {of}, got {method}"
     assert not out.exists()
+
+
+def test_the_first_option_of_another_method_is_named(sequence, tmp_path):
+    """Not another one with every run, as the order of a set would have it."""
+    given = [["--preset", "textbook"], ["--block", 8], ["--features", "all"], ["--quality", "fast"]]
+    for first, second in combinations(given, 2):
+        line = refused("denoise", sequence, "-o", tmp_path / "out", "--method", "svgf", *second, *first)
+        assert f"{first[0]}: expected --method" in line
 
 
 def test_points_need_places(sequence, tmp_path):

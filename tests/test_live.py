@@ -421,6 +421,27 @@ def test_recording_cannot_be_written(scene, session, tmp_path):
     assert str(session.folder) in screen.errors(1)[0]
 
 
+def test_whatever_ends_a_recording_is_told(scene, session, monkeypatch):
+    def full(*_):
+        raise MemoryError("no room")
+
+    monkeypatch.setattr("yester.live.session.Recorder", full)
+    screen = Screen(session)
+    screen.tell(record=True)
+    assert screen.errors(1) == ["MemoryError: no room"]
+
+
+def test_messages_after_the_end(scene, session):
+    """They come from pages that do not know yet."""
+    screen = Screen(session)
+    for _ in range(100):
+        scene.gate.release()
+    session.close()
+    screen.tell(record=True)
+    screen.tell(views=["history", "history"])
+    assert not any(Path(session.folder).glob("yester-live-*"))
+
+
 def test_controls_have_the_ranges_of_the_pipelines():
     """Each limit is accepted, or for open ones its neighbourhood; what is beyond is refused."""
     named = {control["name"]: control for control in controls.controls("SVGF")}

@@ -357,8 +357,9 @@ def test_motion_to_the_next_frame_is_not_needed_backwards(moving):
 )
 def test_nothing_to_judge_by(given, reason):
     """The plan says so and is the default."""
-    with pytest.warns(UserWarning, match=f"plan: {reason}"):
+    with pytest.warns(UserWarning, match=f"plan: {reason}") as said:
         found = yester.plan(given())
+    assert [warning.filename for warning in said] == [__file__]
     assert reason in found.reason
     assert reason in str(found)
     assert (found.options, found.without, found.stages, found.static) == ({}, (), (), False)

@@ -8,9 +8,12 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import flight
 import layouts
@@ -1199,6 +1202,38 @@ def test_a_lost_process_is_replaced(long, tmp_path):
     said = running.communicate(timeout=180)[1]
     assert running.returncode == 0, said
     assert tree(out) == want
+
+
+def test_an_error_in_a_process_ends_the_run(monkeypatch):
+    """The threads that wait for a process get it all the same."""
+
+    class Exhausted(ThreadPoolExecutor):
+        """In place of a process: has no memory left."""
+
+        def __init__(self, *_):
+            super().__init__(1)
+
+        def submit(self, work, *given):
+            def fail():
+                time.sleep(0.05)
+                raise MemoryError("out of memory")
+
+            return super().submit(fail)
+
+    monkeypatch.setattr(run, "ProcessPoolExecutor", Exhausted)
+    tasks = [SimpleNamespace(source=SimpleNamespace(name=f"{number}"), folder=None) for number in range(6)]
+    raised = []
+
+    def work():
+        try:
+            [*run._in_processes(tasks, 2, 2)]
+        except MemoryError as error:
+            raised.append(str(error))
+
+    thread = threading.Thread(target=work, daemon=True)
+    thread.start()
+    thread.join(20)
+    assert raised == ["out of memory"]
 
 
 @pytest.mark.slow

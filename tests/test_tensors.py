@@ -201,6 +201,13 @@ def test_the_denoiser_is_svgf():
     np.testing.assert_array_equal(np.array(again), yester.SVGF().step(frame).color)
 
 
+def test_lists_give_arrays():
+    (frame,) = frames(1)
+    denoised = Denoiser(SIZE[::-1])(frame.color.tolist())
+    np.testing.assert_array_equal(denoised, yester.SVGF().step(yester.Frame(frame.color)).color)
+    assert isinstance(denoised, np.ndarray)
+
+
 def test_without_history_each_image_is_by_itself():
     denoiser = Denoiser(SIZE[::-1])
     for frame in frames(2):

@@ -397,7 +397,7 @@ def _pipeline(options: argparse.Namespace) -> Any:
     options.method = options.method or ("svgf" if given else "auto")
     method = "--plan" if options.plan else options.method
     make, names = _METHODS.get(method, (lambda: None, ()))
-    for name in given.keys() - set(names):
+    for name in (one for one in given if one not in names):
         of = ", ".join(method for method, (_, taken) in _METHODS.items() if name in taken)
         raise ValueError(f"--{name.replace('_', '-')}: expected --method {of}, got {method}")
     return Plan.load(options.plan).pipeline() if options.plan else make(**given)

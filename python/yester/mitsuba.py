@@ -167,7 +167,7 @@ class Denoiser:
                 alpha = self._alpha.step(Frame(np.repeat(alpha[..., None], 3, 2), **without)).color[..., 0].clip(0, 1)
             result = np.concatenate([result, alpha[..., None]], 2, dtype=np.float32)
         self._last = np.array(result)
-        return result if isinstance(noisy, np.ndarray) else type(noisy)(result)
+        return result if isinstance(noisy, np.ndarray | list | tuple) else type(noisy)(result)
 
 
 def _layer(what: str, name: str, layers: dict[str, NDArray[Any]]) -> NDArray[Any]:

@@ -539,7 +539,8 @@ def plan(frames: Iterable[Frame], *, count: int = PLANNED) -> Plan:
     # Of most frames, as one may have been rendered twice.
     if np.median([repetitions(window) for window in shown]) > _REPEATS:
         return _default(buffers, "frames have the noise of the frame before, and cannot judge")
-    return _Planning(shown, buffers, shape).plan()
+    found = _Planning(shown, buffers, shape).plan()
+    return _default(buffers, found) if isinstance(found, str) else found
 
 
 def _alike(frames: Iterable[Frame]) -> Iterator[Frame]:
@@ -602,10 +603,11 @@ class _Planning:
         #: Pixels of a frame divided by the pixels of all windows.
         self.scale = math.prod(shape) / sum(math.prod(window[0].shape) for window in windows)
 
-    def plan(self) -> Plan:
+    def plan(self) -> Plan | str:
+        """The plan, or why the frames tell nothing."""
         default = _Trial("default")
         if not self.changes(default):
-            return _default(self.given, "nothing changes from frame to frame")
+            return "nothing changes from frame to frame"
         groups = {name: tuple(n for n in group if n in self.given) for name, group in _GROUPS.items()}
         # What distinguishes surfaces finds them again, unless it is broken.
         surfaces = ("position", "normal", "depth", "ids", "camera") if self.finds(default) else ()
@@ -638,7 +640,7 @@ class _Planning:
                     bounds = max(trial.allowed, _MARGIN), min(trial.errors, base.errors)
                     base = trial.beside(base)._replace(allowed=bounds[0], errors=bounds[1])
         if all(math.isnan(stage.loss) for stage in evidence):
-            return _default(self.given, "no pixel is found again in the next frame")
+            return "no pixel is found again in the next frame"
         if sum(not stage.used for stage in evidence) > 1:
             (together,) = self.judge(default, [base])
             if together.used:

@@ -50,7 +50,7 @@ class Recorder:
     def __init__(self, folder: Path, world: World, size: tuple[int, int]) -> None:
         name = time.strftime("yester-live-%Y%m%d-%H%M%S")
         taken = [folder / (name if not number else f"{name}-{number}") for number in range(100)]
-        self.folder = next(path for path in taken if not path.exists())
+        self.folder = next((path for path in taken if not path.exists()), taken[0])
         (self.folder / "frames").mkdir(parents=True)
         self.size = size
         self.count = 0

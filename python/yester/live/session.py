@@ -243,8 +243,21 @@ class Session:
 
     def _set_record(self, viewer: Viewer, message: Mapping[str, Any]) -> None:
         on = _boolean(message, "record")
-        self._denoiser.submit(self._record, on)
+        self._later(self._record, on)
         self._repaint()
+
+    def _later(self, work: Callable[..., None], *arguments: Any) -> None:
+        """Hand something to the thread that denoises, unless the session is closed; viewers are told of errors."""
+        with self._wake:
+            if self._closed:
+                return
+            handed = self._denoiser.submit(work, *arguments)
+
+        def told(done: Future[None]) -> None:
+            if not done.cancelled() and (error := done.exception()) is not None:
+                self._broadcast({"error": f"{type(error).__name__}: {error}"})
+
+        handed.add_done_callback(told)
 
     def _update(self, **changes: Any) -> None:
         with self._wake:
@@ -405,10 +418,10 @@ class Session:
     def _repaint(self) -> None:
         """Show the newest frame again, as it is now asked for."""
         with self._wake:
-            if self._painting or self._closed:
+            if self._painting:
                 return
-            self._painting = True
-        self._denoiser.submit(self._again)
+            self._painting = not self._closed
+        self._later(self._again)
 
     def _again(self) -> None:
         with self._wake:

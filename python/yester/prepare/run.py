@@ -715,28 +715,28 @@ def _in_processes(tasks: list[_Task], jobs: int, cores: int) -> Generator[_Done,
     free: SimpleQueue[ProcessPoolExecutor] = SimpleQueue()
 
     # One pool per process, as a process that dies takes its pool's other tasks with it.
-    def start() -> None:
-        free.put(ProcessPoolExecutor(1, context, _start, (max(1, cores // jobs),)))
+    def start() -> ProcessPoolExecutor:
+        return ProcessPoolExecutor(1, context, _start, (max(1, cores // jobs),))
 
     def attempt(task: _Task) -> _Done:
         name = task.source.name
         for _ in range(_ATTEMPTS):
             pool = free.get()
             try:
-                result = pool.submit(_work, task).result()
+                return pool.submit(_work, task).result()
             except BrokenProcessPool:
-                start()
+                pool = start()
                 _clear(task.folder, name)
                 if stopped.is_set():
                     break
-            else:
+            finally:
+                # Whatever went wrong, other threads wait for it.
                 free.put(pool)
-                return result
         return _lost(name)
 
     with ThreadPoolExecutor(jobs) as threads:
         for _ in range(jobs):
-            start()
+            free.put(start())
         futures = [threads.submit(attempt, task) for task in tasks]
         try:
             for future in as_completed(futures):

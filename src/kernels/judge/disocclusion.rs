@@ -24,7 +24,7 @@ use crate::minima::Minima;
 use crate::pixels::{MotionRun, PixelsMut, Row, lanes};
 use crate::rows::{self, Kernel, Simd};
 
-/// A relative difference of depths; 0.05.
+/// An error if a relative difference of depths is out of range; its default is 0.05.
 pub fn check(separation: f32) -> Result<()> {
     from_0_to_1("separation", separation)
 }

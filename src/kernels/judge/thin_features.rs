@@ -15,7 +15,7 @@ use crate::math::{is_present, luminance};
 use crate::pixels::{Columns, PixelsMut, Rolling, lanes};
 use crate::rows::{self, Kernel, Simd};
 
-/// The largest ratio of similar luminances; ≥ 1; 1.05.
+/// An error if the largest ratio of similar luminances is below 1; its default is 1.05.
 pub fn check(similarity: f32) -> Result<()> {
     in_range("similarity", similarity, "a finite ratio from 1", |v| {
         v >= 1.0 && v.is_finite()
