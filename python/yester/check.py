@@ -21,10 +21,10 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ._core import Camera, motion_vectors, reproject
+from ._core import Camera, reproject
 from .frame import Frame
 from .io.channels import CANONICAL
-from .judge import tile_sums
+from .judge import still_motion, tile_sums
 from .messages import few
 
 __all__ = ["Finding", "check", "check_motion"]
@@ -481,10 +481,7 @@ def _beside_cameras(
     """Difference of the vectors from the motion of a still scene between the cameras, (hypotheses, tiles)."""
     found: list[list[NDArray[np.float64]]] = [[] for _ in hypotheses]
     for t in bases:
-        camera, before = shot[t].camera, shot[t - 1].camera
-        assert camera is not None
-        assert before is not None
-        still = _still(shot[t], camera, before)
+        still = _still(shot[t], shot[t - 1].camera)
         known = np.asarray(np.isfinite(still).all(-1))
         for tiles, hypothesis in zip(found, hypotheses, strict=True):
             tiles.append(_means(_apart(_seen(hypothesis, stored, t), still), known))
@@ -682,11 +679,11 @@ def _disagreement(
 # Cameras
 
 
-def _still(frame: Frame, camera: Camera, before: Camera) -> NDArray[np.float32]:
-    """Motion of a still scene between two cameras."""
-    geometry = frame.position if frame.position is not None else frame.depth
-    assert geometry is not None
-    return motion_vectors(geometry, camera, before)[..., :2]
+def _still(frame: Frame, before: Camera | None) -> NDArray[np.float32]:
+    """Motion of a still scene from a frame of known geometry to a camera."""
+    motion = still_motion(frame, before)
+    assert motion is not None
+    return motion[..., :2]
 
 
 #: From [0, 1] with y down to clip space.
@@ -751,7 +748,8 @@ def _cameras(shot: list[Frame]) -> tuple[Finding, list[Frame]]:
     if any(frame.position is None for frame in shot):
         return Finding("cameras", "unchecked", "no positions to project"), shot
 
-    def distance(frame: Frame, camera: Camera | None) -> NDArray[np.float64]:
+    def distance(cameras: list[Camera | None], i: int) -> NDArray[np.float64]:
+        frame, camera = shot[i], cameras[i]
         position = np.asarray(frame.position, np.float64)
         known = np.asarray(np.isfinite(position).all(-1))
         if camera is None:
@@ -759,7 +757,8 @@ def _cameras(shot: list[Frame]) -> tuple[Finding, list[Frame]]:
         pixels, _ = camera.project(np.nan_to_num(position))
         return _means(_clipped(np.linalg.norm(pixels - _samples(frame), axis=-1), 4), known)
 
-    return _layout(shot, slice(1, -1) if len(shot) > 2 else slice(None), distance, ["position"])
+    part = range(1, len(shot) - 1) if len(shot) > 2 else range(len(shot))
+    return _layout(shot, part, distance, ["position"])
 
 
 def _cameras_by_motion(shot: list[Frame]) -> tuple[Finding, list[Frame]]:
@@ -769,18 +768,16 @@ def _cameras_by_motion(shot: list[Frame]) -> tuple[Finding, list[Frame]]:
     missing = [name for name in ("depth", "motion") if any(getattr(f, name) is None for f in shot)]
     if missing:
         return Finding("cameras", "unchecked", f"no positions, and no {' or '.join(missing)}"), shot
-    cameras = {name: list(alternative[0]) for name, alternative in _alternatives(shot).items()}
-    number = {id(frame): i for i, frame in enumerate(shot)}
-    by_camera = {id(c): kind[i - 1] for kind in cameras.values() for i, c in enumerate(kind) if i and c is not None}
 
-    def distance(frame: Frame, camera: Camera | None) -> NDArray[np.float64]:
-        before = by_camera.get(id(camera))
+    def distance(cameras: list[Camera | None], i: int) -> NDArray[np.float64]:
+        frame, before = replace(shot[i], camera=cameras[i]), cameras[i - 1]
         known = np.isfinite(np.asarray(frame.motion)).all(-1)
-        if camera is None or before is None or not number[id(frame)]:
+        if frame.camera is None or before is None:
             return _means(np.ones(frame.shape), known)
-        return _means(_apart(_still(frame, camera, before), np.asarray(frame.motion)[..., :2]), known)
+        return _means(_apart(_still(frame, before), np.asarray(frame.motion)[..., :2]), known)
 
-    return _layout(shot, slice(2, -1) if len(shot) > 3 else slice(1, None), distance, ["motion", "depth"], cameras)
+    part = range(2, len(shot) - 1) if len(shot) > 3 else range(1, len(shot))
+    return _layout(shot, part, distance, ["motion", "depth"])
 
 
 def _apart(vectors: Floats, motion: Floats) -> NDArray[np.float64]:
@@ -791,24 +788,18 @@ def _apart(vectors: Floats, motion: Floats) -> NDArray[np.float64]:
 
 def _layout(
     shot: list[Frame],
-    part: slice,
-    distance: Callable[[Frame, Camera | None], NDArray[np.float64]],
+    part: range,
+    distance: Callable[[list[Camera | None], int], NDArray[np.float64]],
     witnesses: list[str],
-    cameras: dict[str, list[Camera | None]] | None = None,
 ) -> tuple[Finding, list[Frame]]:
+    """The alternative whose cameras have the least distance in a part of the frames."""
     every = _alternatives(shot)
-    kinds = cameras or {name: each for name, (each, _) in every.items()}
-    residuals = np.array(
-        [
-            np.concatenate([distance(f, c) for f, c in zip(shot[part], kind[part], strict=True)])
-            for kind in kinds.values()
-        ]
-    )
-    names = [*every]
-    finding, chosen = _judged("cameras", names, [remedy for _, remedy in every.values()], residuals, witnesses)
+    cameras, remedies = ([*each] for each in zip(*every.values(), strict=True))
+    residuals = np.array([np.concatenate([distance(kind, i) for i in part]) for kind in cameras])
+    finding, chosen = _judged("cameras", [*every], remedies, residuals, witnesses)
     if not chosen:
         return finding, shot
-    return finding, [replace(f, camera=c) for f, c in zip(shot, kinds[names[chosen]], strict=True)]
+    return finding, [replace(f, camera=c) for f, c in zip(shot, cameras[chosen], strict=True)]
 
 
 # Depth
@@ -909,7 +900,7 @@ def _depth_by_motion(shot: list[Frame], channels: Channels) -> tuple[Finding, li
             assert frame.camera is not None
             known = np.isfinite(np.asarray(frame.motion)).all(-1) & np.isfinite(np.asarray(frame.depth))
             motion = np.asarray(frame.motion)[..., :2]
-            off = np.linalg.norm(_still(frame, frame.camera, before.camera) - motion, axis=-1)
+            off = np.linalg.norm(_still(frame, before.camera) - motion, axis=-1)
             length = np.linalg.norm(motion, axis=-1)
             tiles.append(_means(_clipped(off, 0.02 * length + 0.01), known))
         residuals.append(np.concatenate(tiles))
@@ -925,63 +916,76 @@ def _jitter(shot: list[Frame]) -> Finding:
     if any(frame.motion is None for frame in shot):
         return Finding("jitter", "unchecked", "no usable motion vectors")
     geometry = _all(shot, "camera") and all(frame.depth is not None or frame.position is not None for frame in shot)
-    known = _all(shot, "jitter")
-    names = ["removed from motion", "left in motion", "removed from motion with the wrong sign"]
-    remedy = "motion - (jitter - previous_jitter): render motion with cameras that are not jittered"
-    remedies = ["", remedy, "motion + (jitter - previous_jitter)"]
-    if known:
-        changes = [_shift(b, a) for a, b in pairwise(shot)]
-        if max(np.abs(change).max() for change in changes) < 0.02:
-            return Finding("jitter", "unchecked", "the jitter does not change")
-    elif not geometry:
-        return Finding("jitter", "unchecked", "no jitter, and no cameras with depth or position")
+    if not _all(shot, "jitter"):
+        if not geometry:
+            return Finding("jitter", "unchecked", "no jitter, and no cameras with depth or position")
+        return _constant_offset(_offsets(shot))
+    changes = [_shift(frame, before) for before, frame in pairwise(shot)]
+    if max(np.abs(change).max() for change in changes) < 0.02:
+        return Finding("jitter", "unchecked", "the jitter does not change")
     if geometry:
-        offsets, left = [], []
-        for before, frame in pairwise(shot):
-            assert before.camera is not None
-            assert frame.camera is not None
-            off = np.asarray(frame.motion)[..., :2].astype(np.float64) - _still(frame, frame.camera, before.camera)
-            # What moves by itself is farther off.
-            still = np.isfinite(off).all(-1) & (np.linalg.norm(off, axis=-1) < 2)
-            offsets.append(np.stack([_means(off[..., i], still) for i in range(2)], -1))
-            left.append(_shift(frame, before))
-        if known:
-            every = np.array(
-                [
-                    np.concatenate(
-                        [
-                            _clipped(np.linalg.norm(o - sign * j, axis=-1), max(float(np.linalg.norm(j)), 0.05))
-                            * np.where(np.isfinite(o[:, 0]), 1, np.nan)
-                            for o, j in zip(offsets, left, strict=True)
-                        ]
-                    )
-                    for sign in (0, 1, -1)
-                ]
-            )
-            return _judged("jitter", names, remedies, every, ["camera"])[0]
-        tiles = [o[np.isfinite(o).all(-1)] for o in offsets]
-        mean = np.array([o.mean(0) if len(o) > 3 else np.zeros(2) for o in tiles])
-        error = np.array([o.std(0) / np.sqrt(len(o)) if len(o) > 3 else np.ones(2) for o in tiles])
-        most = int(np.abs(mean).max(-1).argmax())
-        size, sure = np.linalg.norm(mean[most]), np.linalg.norm(error[most])
-        # Jitter is the same everywhere; wrong motion is not.
-        spread = np.linalg.norm(error[most]) * np.sqrt(len(tiles[most]))
-        if size > max(0.05, 5 * sure, 3 * spread):
-            x, y = mean[most]
-            said = f"a constant offset of ({x:.2f}, {y:.2f}) pixels in motion, as jitter leaves it"
-            return Finding("jitter", "wrong", said, remedy, float(size), float(sure), (), ("camera",))
-        return Finding("jitter", "right", "no constant offset in motion", "", 0.0, float(sure), (), ("camera",))
-    guides = _guides(shot)
-    stored = [np.asarray(frame.motion)[..., :2] for frame in shot]
-    residuals = []
-    for sign in (0, 1, -1):
-        clean = [
-            motion - np.float32(sign * _shift(frame, shot[max(i - 1, 0)]))
-            for i, (motion, frame) in enumerate(zip(stored, shot, strict=True))
-        ]
-        given = [_Motion("", np.eye(2))]
-        residuals.append(_warped(given, range(1, len(shot)), shot, clean, guides, 1)[0])
-    return _judged("jitter", names, remedies, np.array(residuals), guides[0])[0]
+        offsets = _offsets(shot)
+        residuals = [_left(offsets, [sign * change for change in changes]) for sign in _SIGNS]
+        witnesses = ["camera"]
+    else:
+        guides = _guides(shot)
+        residuals = [_left_by_warping(shot, guides, sign) for sign in _SIGNS]
+        witnesses = [*guides[0]]
+    return _judged("jitter", [*_SIGNS.values()], ["", *_UNJITTERED], np.array(residuals), witnesses)[0]
+
+
+#: How often motion contains the change of jitter, and what that means.
+_SIGNS = {0: "removed from motion", 1: "left in motion", -1: "removed from motion with the wrong sign"}
+#: Remedies for the last two.
+_UNJITTERED = (
+    "motion - (jitter - previous_jitter): render motion with cameras that are not jittered",
+    "motion + (jitter - previous_jitter)",
+)
+
+
+def _offsets(shot: list[Frame]) -> list[NDArray[np.float64]]:
+    """Of every frame but the first, the mean difference of its motion from that of the cameras, by tile."""
+    offsets = []
+    for before, frame in pairwise(shot):
+        off = np.asarray(frame.motion)[..., :2].astype(np.float64) - _still(frame, before.camera)
+        # What moves by itself is farther off.
+        still = np.isfinite(off).all(-1) & (np.linalg.norm(off, axis=-1) < 2)
+        offsets.append(np.stack([_means(off[..., i], still) for i in range(2)], -1))
+    return offsets
+
+
+def _left(offsets: list[NDArray[np.float64]], changes: list[Floats]) -> NDArray[np.float64]:
+    """How far the offsets are from what these changes would leave, relative to the changes; NaN where unknown."""
+    found = []
+    for offset, change in zip(offsets, changes, strict=True):
+        apart = _clipped(np.linalg.norm(offset - change, axis=-1), max(float(np.linalg.norm(change)), 0.05))
+        found.append(np.where(np.isfinite(offset[:, 0]), apart, np.nan))
+    return np.concatenate(found)
+
+
+def _constant_offset(offsets: list[NDArray[np.float64]]) -> Finding:
+    """Whether motion differs from that of the cameras by the same vector everywhere."""
+    tiles = [o[np.isfinite(o).all(-1)] for o in offsets]
+    mean = np.array([o.mean(0) if len(o) > 3 else np.zeros(2) for o in tiles])
+    error = np.array([o.std(0) / np.sqrt(len(o)) if len(o) > 3 else np.ones(2) for o in tiles])
+    most = int(np.abs(mean).max(-1).argmax())
+    size, sure = np.linalg.norm(mean[most]), np.linalg.norm(error[most])
+    # Jitter is the same everywhere; wrong motion is not.
+    spread = np.linalg.norm(error[most]) * np.sqrt(len(tiles[most]))
+    if size > max(0.05, 5 * sure, 3 * spread):
+        x, y = mean[most]
+        said = f"a constant offset of ({x:.2f}, {y:.2f}) pixels in motion, as jitter leaves it"
+        return Finding("jitter", "wrong", said, _UNJITTERED[0], float(size), float(sure), (), ("camera",))
+    return Finding("jitter", "right", "no constant offset in motion", "", 0.0, float(sure), (), ("camera",))
+
+
+def _left_by_warping(shot: list[Frame], guides: list[dict[str, NDArray[np.float32]]], sign: int) -> NDArray[np.float64]:
+    """How badly guides agree along the motion without so many times the change of jitter."""
+    clean = []
+    for i, frame in enumerate(shot):
+        change = _shift(frame, shot[max(i - 1, 0)])
+        clean.append(np.asarray(frame.motion)[..., :2] - np.float32(sign * change))
+    return np.asarray(_warped([_Motion("", np.eye(2))], range(1, len(shot)), shot, clean, guides, 1)[0])
 
 
 # Normals
@@ -1156,7 +1160,7 @@ def _renumbered(before: Frame, frame: Frame) -> NDArray[np.float64]:
     if motion is None:
         assert frame.camera is not None
         assert before.camera is not None
-        motion = _still(frame, frame.camera, before.camera)
+        motion = _still(frame, before.camera)
     motion = np.array(motion, np.float32)
     motion[..., :2] += np.float32(_shift(frame, before))
     tests: dict[str, Any] = {}

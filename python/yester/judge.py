@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ._core import demodulate, is_reflectance, motion_vectors, repetition, reproject
+from ._core import Camera, demodulate, is_reflectance, motion_vectors, repetition, reproject
 from .frame import Frame
 
 __all__ = ["Predicted", "predictive_error"]
@@ -166,14 +166,17 @@ def estimate(found: NDArray[np.float64]) -> dict[str, Predicted]:
     return result
 
 
+def still_motion(frame: Frame, other: Camera | None) -> NDArray[np.float32] | None:
+    """The motion of a still scene from a frame to where another camera sees it; None if unknown."""
+    place = frame.depth if frame.position is None else frame.position
+    if place is None or frame.camera is None or other is None:
+        return None
+    return motion_vectors(place, frame.camera, other)
+
+
 def known_motion(before: Frame, frame: Frame) -> NDArray[np.float32] | None:
     """The motion to the frame before: the frame's own, else that of the cameras; None if unknown."""
-    if frame.motion is not None:
-        return frame.motion
-    place = frame.position if frame.position is not None else frame.depth
-    if place is None or frame.camera is None or before.camera is None:
-        return None
-    return motion_vectors(place, frame.camera, before.camera)
+    return still_motion(frame, before.camera) if frame.motion is None else frame.motion
 
 
 def _fetched_along(before: Frame, frame: Frame) -> NDArray[np.float32]:

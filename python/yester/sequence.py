@@ -15,8 +15,9 @@ from typing import Any, Protocol, TypeVar, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from ._core import SVGF, History, Output, blend, invert_motion, motion_vectors
+from ._core import SVGF, History, Output, blend, invert_motion
 from .frame import Frame
+from .judge import still_motion
 
 __all__ = ["LOOKAHEAD", "denoise"]
 
@@ -195,10 +196,7 @@ def _motion_next(frame: Frame, following: Frame) -> NDArray[np.float32] | None:
     """Motion to the next frame; None if it is unknown and cannot be computed."""
     if frame.motion_next is not None:
         return frame.motion_next
-    still, motion = None, following.motion
-    geometry = frame.depth if frame.position is None else frame.position
-    if geometry is not None and frame.camera is not None and following.camera is not None:
-        still = motion_vectors(geometry, frame.camera, following.camera)
+    still, motion = still_motion(frame, following.camera), following.motion
     if motion is None:
         return still
     if still is not None:
