@@ -7,14 +7,12 @@ import pytest
 from yester.io.ahead import ahead
 
 
-@pytest.mark.parametrize("count", [1, 3])
 @pytest.mark.parametrize("length", [0, 1, 2, 50])
-def test_order(length, count):
-    assert list(ahead(iter(range(length)), count)) == list(range(length))
+def test_order(length):
+    assert list(ahead(iter(range(length)))) == list(range(length))
 
 
-@pytest.mark.parametrize("count", [1, 3])
-def test_reads_ahead_within_the_limit(count):
+def test_reads_one_item_ahead():
     """Each item signals its start; an item too far ahead would signal before it is requested."""
     making = threading.Semaphore(0)
 
@@ -23,9 +21,9 @@ def test_reads_ahead_within_the_limit(count):
             making.release()
             yield i
 
-    with closing(ahead(items(), count)) as numbers:
+    with closing(ahead(items())) as numbers:
         next(numbers)
-        for _ in range(1 + count):
+        for _ in range(2):
             assert making.acquire(timeout=60)
         assert not making.acquire(timeout=0.2)
         next(numbers)
@@ -53,17 +51,16 @@ def test_an_error_comes_in_its_place():
         yield from range(5)
         raise OSError("the sixth")
 
-    numbers = ahead(items(), 3)
+    numbers = ahead(items())
     assert [next(numbers) for _ in range(5)] == list(range(5))
     with pytest.raises(OSError, match="the sixth"):
         next(numbers)
 
 
-@pytest.mark.parametrize("count", [1, 3])
-def test_closed_early_the_thread_ends(count):
+def test_closed_early_the_thread_ends():
     made = []
     before = threading.active_count()
-    with closing(ahead(map(made.append, range(1000)), count)) as items:
+    with closing(ahead(map(made.append, range(1000)))) as items:
         next(items)
     assert threading.active_count() == before
-    assert len(made) <= 1 + count
+    assert len(made) <= 2

@@ -17,6 +17,9 @@ __all__ = ["Predicted", "predictive_error"]
 #: Weightings of squared errors: relative to brightness, as in `relmse`, and in display space, as in `psnr`.
 WEIGHTINGS = ("relative", "display")
 
+#: The `repetition` above which the noise of a frame is that of the frame before, as in the pipelines in Rust.
+REPEATS = 0.3
+
 #: Why the motion of a frame is unknown (`known_motion`).
 UNMOVED = "no motion, and no camera with depth or position to compute it from"
 

@@ -17,8 +17,8 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from yester import reproject
-from yester.tensors import as_array
+from ._core import reproject
+from .tensors import as_array
 
 __all__ = [
     "METRICS",

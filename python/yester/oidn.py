@@ -24,7 +24,7 @@ from ._core import (
     settings,
 )
 from .frame import Frame, present
-from .judge import light
+from .judge import REPEATS, light
 
 __all__ = ["OIDN", "Network"]
 
@@ -219,8 +219,6 @@ class OIDN(Pipeline):
 
 #: Shares of the image of the frame's own samples among the candidates.
 _SHARES = (0.0, 0.25, 0.5)
-#: Above this `repetition`, the noise of a frame is that of the frame before.
-_REPEATED = 0.3
 
 
 class _Mixture:
@@ -266,7 +264,7 @@ class _Mixture:
         if before is None or motion is None:
             return False
         found, self._deviation = repetition(self._light, before, motion, self._deviation)
-        return found > _REPEATED
+        return found > REPEATS
 
 
 def _luminance(color: NDArray[np.float32]) -> NDArray[np.float32]:

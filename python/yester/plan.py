@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from ._core import SVGF, TAA, Camera, History, Output
 from .frame import BUFFERS, Frame
 from .io.files import beside
-from .judge import estimate, found_again, known_motion, repetitions, sums
+from .judge import REPEATS, estimate, found_again, known_motion, repetitions, sums
 
 __all__ = ["PLANNED", "Plan", "Planned", "Stage", "plan", "split_at_cuts"]
 
@@ -50,8 +50,6 @@ _LOST, _FOUND = 0.25, 0.1
 _NOTHING = 1e-8
 #: Radiance above which values cannot be judged, and make results wrong: squares overflow in single precision.
 LARGEST = 1e18
-#: Repetition of noise above which frames cannot judge, as in the pipelines.
-_REPEATS = 0.3
 #: The name of the stage that gives new samples more weight than old ones.
 _FORGETTING = "forgetting"
 #: Mean history length, relative to the longest, above which the light counts as constant.
@@ -537,7 +535,7 @@ def plan(frames: Iterable[Frame], *, count: int = PLANNED) -> Plan:
         return _default(buffers, "values too large to judge")
     shown = [*zip(*windows, strict=True)]
     # Of most frames, as one may have been rendered twice.
-    if np.median([repetitions(window) for window in shown]) > _REPEATS:
+    if np.median([repetitions(window) for window in shown]) > REPEATS:
         return _default(buffers, "frames have the noise of the frame before, and cannot judge")
     found = _Planning(shown, buffers, shape).plan()
     return _default(buffers, found) if isinstance(found, str) else found

@@ -327,7 +327,7 @@ def write_exr(
     exr = _openexr()
     if compression is not None and compression not in COMPRESSIONS:
         raise ValueError(f"compression: expected one of {', '.join(COMPRESSIONS)}, got {compression!r}")
-    within_half = compression in _BY_NAME
+    halves = compression in _BY_NAME
     if not isinstance(like, Plate | None):
         raise TypeError(f"like: expected what `read_plate` returns, got {type(like).__name__}")
     header: dict[str, Any] = {} if like is None else _attributes(like.main)
@@ -355,8 +355,8 @@ def write_exr(
         for name, plane in zip(names, np.moveaxis(np.atleast_3d(values), -1, 0), strict=False):
             former = replaced[name].pixels.dtype if name in replaced else np.float32
             halved = buffer in _HALVED and (former == np.float16 if half is None else half)
-            if halved or (buffer in _HALVED and within_half):
-                plane = np.where(np.isfinite(plane), np.clip(plane, -HALF_MAX, HALF_MAX), plane)
+            if halved or (buffer in _HALVED and halves):
+                plane = held_within_half(plane)
             channels[name] = np.ascontiguousarray(plane, np.float16 if halved else None)
     main = exr.Part(header | _storage(exr, like and like.main, compression), channels, header.get("name", ""))
     parts = [main]
@@ -372,6 +372,11 @@ def write_exr(
                 temporary.write_bytes(target.getbuffer())
         except (RuntimeError, TypeError, ValueError) as error:
             raise OSError(f"{path}: cannot be written: {error}") from None
+
+
+def held_within_half(values: NDArray[Any]) -> NDArray[Any]:
+    """Finite values that float16 does not hold become the largest that it does."""
+    return np.where(np.isfinite(values), np.clip(values, -HALF_MAX, HALF_MAX), values)
 
 
 def check_compression(compression: str | None, names: Iterable[str], argument: str = "compression") -> None:

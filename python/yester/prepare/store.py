@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..io.channels import CANONICAL
+from ..io.exr import HALF_MAX, held_within_half
 from .buffers import CHANNELS, Images
 
 __all__ = ["EXRFiles", "Writer", "ZarrStore", "checksums", "stored"]
 
-_HALF_MAX = float(np.finfo(np.float16).max)
 #: Distances, which float16 is too coarse for, and moments, whose range it lacks.
 _WHOLE = {"depth", "motion", "ids", "position", "hit_distance", "variance", "history_length"}
 
@@ -107,15 +107,15 @@ def clipped(images: Images, half: bool) -> list[str]:
     beyond = [
         name
         for name, image in images.items()
-        if stored(name, half) == np.float16 and (np.abs(image[np.isfinite(image)]) > _HALF_MAX).any()
+        if stored(name, half) == np.float16 and (np.abs(image[np.isfinite(image)]) > HALF_MAX).any()
     ]
-    return [f"{name}: values beyond ±{_HALF_MAX:g} are stored as that, as 16 bits have no more" for name in beyond]
+    return [f"{name}: values beyond ±{HALF_MAX:g} are stored as that, as 16 bits have no more" for name in beyond]
 
 
 def _typed(name: str, values: NDArray[Any], half: bool) -> NDArray[Any]:
     kind = stored(name, half)
     if kind == np.float16:
-        values = np.where(np.isfinite(values), np.clip(values, -_HALF_MAX, _HALF_MAX), values)
+        values = held_within_half(values)
     return values.astype(kind, copy=False)
 
 
