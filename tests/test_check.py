@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import yester
 from yester import cli
-from yester.check import _judged
+from yester.check.findings import judged
 from yester.io import write_sequence
 from yester.study.compare import mistakes
 from yester.study.compare.mistakes import MISTAKES, findings, sequence
@@ -145,7 +145,7 @@ def test_no_relation_must_beat_all_others():
     rng = np.random.default_rng(0)
     for other, verdict in ((0.7, "wrong"), (0.4, "unclear")):
         means = np.array([0.7, 0.4, other])[:, None]
-        finding, chosen = _judged("motion", "abc", "123", means + rng.normal(0, 0.01, (3, 50)), ["ids"], null=1)
+        finding, chosen = judged("motion", "abc", "123", means + rng.normal(0, 0.01, (3, 50)), ["ids"], null=1)
         assert (finding.verdict, chosen) == (verdict, int(verdict == "wrong"))
 
 

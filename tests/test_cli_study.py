@@ -258,7 +258,7 @@ def test_groups(tmp_path):
     asked = []
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("yester.study.rendered.recording.record", lambda name, *_, **__: asked.append(name))
-        for make in cli._recordings(options).values():
+        for make in cli.studies._recordings(options).values():
             make()
     assert asked == [*GROUPS["unkind-tuning"], "cut"]
 

@@ -397,7 +397,7 @@ class Output:
     used : tuple of str, default ()
         The buffers that were used: of "motion", "camera" (motion computed from cameras), "albedo", "emission",
         "normal", "depth", "plane" (depth compared by plane distance), "ids", "position", "object_normal", "replay",
-        "hit_distance" and "jitter".
+        "hit_distance", "jitter" and "reactive".
     missing : int, default 0
         Pixels whose sample was not finite.
 
@@ -1472,8 +1472,8 @@ class Upscaler(Pipeline):
     `dilate_motion`, `disocclusion`, `reproject` with "catmull-rom-5" and without tests, `suppress_fireflies`,
     `thin_features`, `resample` (colour by "lanczos-2", all else by "nearest"), `temporal_gradient` between the new
     samples and the history at their places, `clip_history`, `blend_factor`, `blend` and `sharpen`. A new frame of
-    weight w is blended into a history of N samples per pixel with w/(N + w). Clipping is undone in static pixels,
-    unless the gradient detects a change of light, and where a thin feature is locked. `Output.history_length` counts
+    weight w is blended into a history of N samples per pixel with w/(N + w). Clipping is undone in static pixels and
+    where a thin feature is locked, unless the gradient detects a change of light. `Output.history_length` counts
     samples per output pixel.
 
     References
@@ -2717,8 +2717,8 @@ def innovation(
         again, and the evidence keeps the corrected part.
     sparse : bool, default False
         `color` has samples in few pixels, and the prediction is made of few. Differences are then relative to the local
-        mean of the light, as the prediction itself is noisy; and unknown blocks, whose variance in `evidence` is NaN,
-        are left out of the means.
+        mean of the light, as the prediction itself is noisy; and a block without samples keeps its evidence until it
+        gets one.
     out : tuple of (H, W, 3) and (ceil(H / 2), ceil(W / 2), 4) float32 arrays, optional
         Written and returned instead of new arrays. A part may be None.
 
@@ -2727,7 +2727,8 @@ def innovation(
     correction : (H, W, 3) float32
         To be added to the prediction; 0 where no error was found.
     evidence : (ceil(H / 2), ceil(W / 2), 4) float32
-        For the next frame: the relative difference that is not fed back, and its variance.
+        For the next frame: the relative difference that is not fed back, and its variance. The variance is NaN in
+        blocks without samples and evidence, which are left out of all means.
 
     Raises
     ------
@@ -3219,8 +3220,8 @@ def repetition(
     |p|)``, and ``δ = ρ(x) - ρ(x + 1)`` leaves out slow changes of light. Detail that moves with its surface cancels
     in ρ; independent noise makes δ of consecutive frames correlate by 0 to -½. Noise that sticks to the screen
     correlates by ``C = corr(δ, δ')``, with δ' of the frame before. Where nothing moves, ρ of repeated noise is 0: S
-    is the share of pairs of which y(x) is that of `previous` and ``ε = (y(x) - y(x + 1)) / (|y(x)| + |y(x + 1)|)``
-    is above 1/10. Textures and mirrors repeat as well, but their rows resemble one another: ``V = corr(δ, δ↓)`` and
+    is the share of pairs of which y(x) is that of `previous` and ``|ε|`` is above 1/10, with
+    ``ε = (y(x) - y(x + 1)) / (|y(x)| + |y(x + 1)|)``. Textures and mirrors repeat as well, but their rows resemble one another: ``V = corr(δ, δ↓)`` and
     ``W = corr(ε, ε↓)``, with ↓ the row below. The repetition is ``max(0, C - max(V, 0), S - max(W, 0))``, with
     ``corr(a, b) = Σ a b / max(√(Σ a² Σ b²), n / 100)`` over n pairs: deviations below a tenth are no noise that
     matters.
@@ -4250,7 +4251,8 @@ def splat(
     camera, previous_camera : Camera
         Of the current and the previous frame, without jitter, both of the image's size.
     offset : (H, W, 2) array_like of float, optional
-        Position of each point relative to its pixel's centre, in pixels, x right, y down. By default 0.
+        Position of each point relative to its pixel's centre, in pixels, x right, y down; -0.5 and 0.5 are the pixel's
+        borders and belong to it. By default 0.
     drift : (H, W, 2) or (H, W, 3) array_like of float, optional
         The points' own motion: previous minus current position in pixels, and depth; that is, `Frame.motion` minus the
         `motion_vectors` of a static scene. Values that are not finite count as 0.

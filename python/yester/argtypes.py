@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from argparse import ArgumentTypeError
+from pathlib import Path
 
-__all__ = ["count", "extent", "whole"]
+__all__ = ["count", "extent", "filename", "whole"]
 
 
 def whole(text: str, least: int = 0) -> int:
@@ -30,3 +31,10 @@ def extent(text: str) -> tuple[int, int]:
     except (ValueError, ArgumentTypeError):
         raise ArgumentTypeError(f"expected a size like 320x240, got {text}") from None
     return width, height
+
+
+def filename(text: str) -> Path:
+    """A name of a file or folder."""
+    if not text:  # such as that of a variable that is not set; it would be the current folder
+        raise ArgumentTypeError("expected a name, got an empty one")
+    return Path(text)

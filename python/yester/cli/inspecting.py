@@ -1,0 +1,132 @@
+"""`yester info` and `check`: what files hold, and whether it is what it should be."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterable
+from functools import partial
+from typing import TYPE_CHECKING
+
+from .. import check
+from ..argtypes import filename, whole
+from ..io import Description, describe, mapping, read_sequence
+from ..io.shots import breaks
+from .parsing import Command, add_channels, files_of, how_to_read, need
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+__all__ = ["add_check", "add_info"]
+
+
+def add_info(command: Command) -> None:
+    parser = command(_info, "info", "list the buffers of an EXR file, and the consequences of each missing one")
+    parser.add_argument("file", metavar="FILE", type=filename)
+    add_channels(parser)
+
+
+def _info(options: argparse.Namespace) -> None:
+    need("exr", "OpenEXR")
+    known = describe(options.file, **how_to_read(options))
+    width = max(map(len, [*known.channels, *known.missing, "camera"]))
+    print(f"{known.path}: {known.width} x {known.height}")
+    print(f"recognised: {known.renderer or 'no renderer'}{f', by {known.evidence}' if known.renderer else ''}")
+    if known.views:
+        print(f"views: {', '.join(known.views)}; {known.view} is used, --view chooses")
+    for remark in known.remarks:
+        print(f"note: {remark}")
+    for name, channels in known.channels.items():
+        print(f"  {name:<{width}} {_grouped(channels, sort=False)}")
+        if name in known.notes:
+            print(f"  {'':<{width}} {known.notes[name]}")
+    if known.camera:
+        print(f"  {'camera':<{width}} at {_vector(known.camera.position)}, looks along {_vector(known.camera.forward)}")
+    if known.jitter:
+        print(f"  {'jitter':<{width}} ({known.jitter[0]:g}, {known.jitter[1]:g}) pixels")
+    if known.unused:
+        print("not used:")
+        reasons: dict[str, list[str]] = {}
+        for channel, why in known.unused.items():
+            reasons.setdefault(why, []).append(channel)
+        for why, several in reasons.items():
+            print(f"  {_grouped(several)}: {why}")
+    if known.unrecognised:
+        print(f"not recognised: {_grouped(known.unrecognised)}")
+        for layer, guess in known.guesses.items():
+            print(f"  {layer} may be {guess.partition('=')[0]}: --map '{guess}'")
+    if known.missing:
+        print("missing:")
+        for name, cost in known.missing.items():
+            print(f"  {name:<{width}} {cost}")
+
+
+def add_check(command: Command) -> None:
+    parser = command(
+        _checked, "check", "find wrong conventions of motion, cameras, depth, normals, jitter, albedo and ids"
+    )
+    parser.add_argument("inputs", metavar="IN", nargs="+", help="a folder, files or a pattern; in natural order")
+    about = "consecutive frames to look at, from the middle of the first shot; %(default)s"
+    parser.add_argument("--frames", metavar="N", type=partial(whole, least=2), default=6, help=about)
+    add_channels(parser)
+
+
+def _checked(options: argparse.Namespace) -> int:
+    need("exr", "OpenEXR")
+    reading = how_to_read(options)
+    paths = files_of(options.inputs)
+    end, *_ = [*breaks(paths), len(paths)]
+    start = max(end - options.frames, 0) // 2
+    chosen = paths[start : min(start + options.frames, end)]
+    if len(chosen) < 2:
+        raise ValueError(f"{paths[0]}: expected at least two consecutive frames, got {len(chosen)}")
+    known = describe(chosen[-1], **reading)
+    if "motion" not in known.channels and (guess := _like_motion(known)):
+        print(f"tried: motion={','.join(guess)}")
+        reading["mapping"] |= mapping.load({"motion": guess})
+        known = describe(chosen[-1], **reading)
+    stored = {
+        buffer: [*zip(known.factors[buffer], channels, strict=True)]
+        for buffer, channels in known.channels.items()
+        if buffer in ("motion", "depth", "normal")
+    }
+    # A shot's first frame needs no motion: without it, the others have it.
+    if len(chosen) > 2 and "motion" in known.channels and "motion" not in describe(chosen[0], **reading).channels:
+        del chosen[0]
+    found = check(read_sequence(chosen, **reading), channels=stored, display=known.display)
+    print(f"{known.renderer or 'no renderer'} recognised; looked at {chosen[0].name} to {chosen[-1].name}")
+    print(*found, sep="\n")
+    if known.renderer.startswith("Mitsuba") and not known.camera:
+        how = "yester.io.mitsuba.render_sequence renders with one, and write_exr stores it"
+        print(f"note: Mitsuba's files have no camera; {how}")
+    return int(any(finding.verdict == "wrong" for finding in found))
+
+
+def _like_motion(known: Description) -> list[str]:
+    """Two channels that may hold motion: of a layer that is known but not used, or one with a similar name."""
+    layers: dict[str, list[str]] = {}
+    for channel, why in known.unused.items():
+        if "motion" in f"{channel} {why}".lower():
+            layers.setdefault(channel.rpartition(".")[0], []).append(channel)
+    guesses = [guess.partition("=")[2].split(",") for guess in known.guesses.values() if guess.startswith("motion=")]
+    several = [sorted(own, key=lambda name: "XYZRGB".find(name[-1])) for own in layers.values() if len(own) > 1]
+    return next(([*own[:2]] for own in [*several, *guesses]), [])
+
+
+def _grouped(channels: Iterable[str], *, sort: bool = True) -> str:
+    """Channels by layer: ``N.XYZ`` for N.X, N.Y and N.Z, in the usual order of components or in that given."""
+    layers: dict[str, list[str]] = {}
+    for channel in channels:
+        layer, _, component = channel.rpartition(".")
+        layers.setdefault(layer, []).append(component)
+    bare = layers.pop("", [])
+    shown = list(bare)
+    for layer, components in layers.items():
+        if sort:
+            components.sort(key=lambda component: "RGBAXYZWUV".find(component.upper()))
+        shown.append(f"{layer}.{('' if all(len(one) == 1 for one in components) else ',').join(components)}")
+    return " ".join(shown)
+
+
+def _vector(values: NDArray[np.float64]) -> str:
+    return f"({', '.join(f'{round(value, 4) + 0.0:g}' for value in values)})"
