@@ -128,8 +128,29 @@ impl<'a, T: Copy + Default> Pixels<'a, T> {
     }
 }
 
+/// Shows size and channels: the elements are too many.
+macro_rules! debug_without_elements {
+    ($($name:literal $image:ty, $bound:path;)*) => {$(
+        impl<T: $bound> fmt::Debug for $image {
+            fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+                f.debug_struct($name)
+                    .field("size", &self.size)
+                    .field("channels", &self.channels)
+                    .finish_non_exhaustive()
+            }
+        }
+    )*};
+}
+
+debug_without_elements! {
+    "Image" Image<T>, Value;
+    "Interleaved" Interleaved<T>, Value;
+    "View" View<'_, T>, Sized;
+    "Pixels" Pixels<'_, T>, Sized;
+}
+
 /// An owned planar image.
-#[derive(Clone, Debug)]
+#[derive(Clone)]
 pub struct Image<T: Value = f32> {
     pub(crate) size: Size,
     pub(crate) channels: usize,
@@ -196,7 +217,7 @@ impl<T: Value> Image<T> {
 }
 
 /// A borrowed planar image.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy)]
 pub struct View<'a, T = f32> {
     pub(crate) size: Size,
     pub(crate) channels: usize,
@@ -253,7 +274,7 @@ impl<'a, T> View<'a, T> {
 }
 
 /// A borrowed view of an image in either layout: planar, or interleaved.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy)]
 pub struct Pixels<'a, T = f32> {
     pub(crate) size: Size,
     pub(crate) channels: usize,
@@ -523,7 +544,7 @@ fn few<T: Copy + Default, const N: usize>(rest: &[T]) -> [T; N] {
 }
 
 /// An owned interleaved image.
-#[derive(Clone, Debug)]
+#[derive(Clone)]
 pub struct Interleaved<T: Value = f32> {
     pub(crate) size: Size,
     channels: usize,
@@ -665,10 +686,13 @@ pub fn segments(y: usize, width: usize) -> impl Iterator<Item = Run> {
 }
 
 /// Consecutive pixels of one row.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 pub struct Run {
+    /// The row.
     pub y: usize,
+    /// The first column.
     pub x: usize,
+    /// The number of pixels.
     pub len: usize,
 }
 

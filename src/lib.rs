@@ -89,7 +89,8 @@ mod rows;
 mod tiles;
 
 pub use glam;
-pub use image::{BandMut, Image, Interleaved, Pixels, Size, Value, View};
+pub use image::{BandMut, Image, Interleaved, Pixels, Run, Size, Value, View};
 pub use memory::OutOfMemory;
-pub use pixels::PixelsMut;
+pub use pixels::{Colors, InterleavedMut, PixelsMut};
 pub use rows::Settings;
+pub use tiles::Tiles;

@@ -72,6 +72,8 @@ impl Display for OutOfMemory {
     }
 }
 
+impl std::error::Error for OutOfMemory {}
+
 /// Prefetches up to `len` elements from `start` on into the second-level cache; the part beyond the slice is left out. The
 /// first level is too small for all that a kernel fetches ahead, and can wait for few lines at once: a core then stalls.
 #[inline(always)]

@@ -37,6 +37,7 @@ impl Tiles {
         tiles
     }
 
+    /// Whether any is on.
     pub fn any(&self) -> bool {
         self.on.contains(&true)
     }

@@ -1283,8 +1283,16 @@ class Recirculation:
             quality = np.where(gone, np.float32(0), quality)
             kept = quality > 0
             fresh = np.where(~traced & (quality > 8 * fresh), np.float32(0), fresh)
-            place = np.where(traced, depth, np.where(kept, place, 1 / filled[..., 3]))
-        offset = np.where(traced[..., None], own, np.where(kept[..., None], offset, np.float32(0)))
+            share = np.where(kept, fresh / (fresh + quality), np.float32(1))
+
+            def joined(old, new, share):
+                met = np.where(kept.reshape(share.shape) & (old != new), old + share * (new - old), new)
+                return np.where(
+                    traced.reshape(share.shape), met, np.where(kept.reshape(share.shape), old, np.float32(0))
+                )
+
+            place = np.where(traced | kept, joined(place, depth, share), 1 / filled[..., 3])
+            offset = joined(offset, own, share[..., None])
         drift = np.where((kept & ~traced)[..., None], color[..., 3:], filled[..., 4:])
         motion = yester.motion_vectors(place, frame.camera, camera) + drift
         images = filled[..., :3], fresh, color[..., :3], quality, motion
@@ -1352,14 +1360,18 @@ class Upscaler:
         thin = enlarge(yester.thin_features(frame.color))
         color, weight = yester.resample(frame.color, large, offset=jitter)
         bright = yester.exposure(frame.color)
-        change = enlarge(yester.temporal_gradient(frame.color, there, noise=self.noise, passes=1, widest=1))
+        change, around = (
+            enlarge(yester.temporal_gradient(frame.color, there, noise=self.noise, passes=passes, widest=passes))
+            for passes in (1, 3)
+        )
         box = {"box": "variance", "space": "tonemapped-ycocg", "response": "clamp"}
         clipped = yester.clip_history(history, color, exposure=bright, **box)
 
         reacts = np.zeros(large, np.float32) if frame.reactive is None else np.nan_to_num(enlarge(frame.reactive))
         confidence = coverage * (one - hidden) * (one - np.clip(reacts, 0, 1))
         haste = yester.blend_factor(np.ones_like(samples), moved, alpha=0.0, fast_alpha=1.0, speed=self.speed)
-        same = one - np.minimum(self.change * change, one)
+        same, same_around = (one - np.minimum(self.change * found, one) for found in (change, around))
+        lock = lock * same_around
         hold = np.maximum(same * (one - haste), lock)
         held = yester.blend(history, clipped, hold)
         share = yester.blend_factor(confidence, moved, **self.pace)

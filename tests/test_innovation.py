@@ -133,7 +133,8 @@ def test_predicted_light_is_no_innovation(size, strictness):
     length = np.full(size, 9, np.float32)
     found, evidence = yester.innovation(color, color, length, strictness=strictness)
     np.testing.assert_array_equal(found[np.isfinite(color)], 0)
-    np.testing.assert_array_equal(evidence, 0)
+    np.testing.assert_array_equal(evidence[np.isfinite(evidence)], 0)
+    assert np.isfinite(evidence[..., :3]).all()
 
 
 @pytest.mark.parametrize("change", [-0.9, -0.1, 0.01, 0.2, 5.0])
@@ -387,6 +388,18 @@ def test_missing_samples_do_not_count(value):
         assert_same_bits(mine, its)
 
 
+@pytest.mark.parametrize("sparse", [False, True])
+def test_missing_blocks_do_not_count(sparse):
+    """Where whole blocks are missing, others find the same error: in a checkerboard of them, and beside a half."""
+    prediction, length = np.ones((64, 64, 3)), np.full((64, 64), 20.0)
+    y, x = np.indices((64, 64)) // 2
+    for known in ((x + y) % 2 == 0, (x % 2 == 0) & (y % 2 == 0), x >= 16):
+        color = np.where(known[..., None], 1.5 * prediction, np.nan)
+        found, evidence = yester.innovation(color, prediction, length, sparse=sparse)
+        np.testing.assert_allclose(found[known], 0.5, rtol=0.01)
+        assert_same_bits(np.isnan(evidence[..., 3]), ~known[::2, ::2])
+
+
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_missing_predictions_learn_nothing(value):
     """As if there were no samples; other pixels' corrections are unchanged."""
@@ -410,7 +423,8 @@ def test_nothing_is_there():
     given = steady(9, 11, np.nan)
     found, evidence = yester.innovation(**given)
     np.testing.assert_array_equal(found, 0)
-    np.testing.assert_array_equal(evidence, 0)
+    np.testing.assert_array_equal(evidence[..., :3], 0)
+    assert np.isnan(evidence[..., 3]).all()
 
 
 @pytest.mark.parametrize("exposure", [1.0, 1e-44])
@@ -468,26 +482,28 @@ def test_constant_errors_are_found_whole(fed_back):
 
 
 def test_sparse_samples_speak_for_blocks_without():
-    """One pixel in 16 is sampled, twice as bright as predicted: one frame finds all of the change, everywhere.
-
-    If blocks without samples counted as agreement, they would suppress most of it; they count as unknown.
-    """
+    """One pixel in 16 is sampled, twice as bright as predicted: one frame finds all of the change, everywhere."""
     given = steady(32, 48, np.full((32, 48, 1), 2.0))
     rows, columns = np.indices((32, 48))
     seen = (rows % 4 == 0) & (columns % 4 == 0)
     given["color"][~seen] = np.nan
     dense, sparse = (yester.innovation(**given, exposure=0.16, sparse=sparse) for sparse in (False, True))
-    assert dense[0].mean() < 0.6
-    assert sparse[0].mean() > 0.9
     sampled = seen.reshape(16, 2, 24, 2).any((1, 3))
-    np.testing.assert_array_equal(np.isnan(sparse[1][..., 3]), ~sampled)
-    assert np.isfinite(sparse[1][..., :3]).all()
-    assert np.isfinite(dense[1]).all()
-    # Without samples, evidence lasts where history is long.
+    for found, evidence in (dense, sparse):
+        assert found.mean() > 0.9
+        np.testing.assert_array_equal(np.isnan(evidence[..., 3]), ~sampled)
+        assert np.isfinite(evidence[..., :3]).all()
+    # Without samples, evidence lasts where history is long, and, if samples are sparse, where it is short.
     given["color"] = np.full_like(given["color"], np.nan)
-    _, later = yester.innovation(**given, evidence=sparse[1], exposure=0.16, sparse=True)
-    np.testing.assert_array_equal(np.isnan(later[..., 3]), ~sampled)
-    np.testing.assert_array_equal(later[sampled][:, 3], sparse[1][sampled][:, 3])
+    for length, lasts in ((8, True), (1.5, False)):
+        given["history_length"][:] = length
+        rest = [
+            yester.innovation(**given, evidence=sparse[1], exposure=0.16, sparse=sparse_)[1]
+            for sparse_ in (True, False)
+        ]
+        np.testing.assert_array_equal(np.isnan(rest[0][..., 3]), ~sampled)
+        np.testing.assert_array_equal(rest[0][sampled][:, 3], sparse[1][sampled][:, 3])
+        assert (rest[1][sampled][:, 3] == sparse[1][sampled][:, 3]).all() == lasts
 
 
 def test_noise_of_a_sparse_prediction_is_no_light():

@@ -105,6 +105,7 @@ def broken(part):
         (np.zeros_like(part)[::-1], ValueError),
         (np.zeros(part.shape, part.dtype, order="F"), ValueError),
         (frozen, ValueError),
+        (np.ma.masked_array(np.zeros_like(part), True), TypeError),
     ]
 
 

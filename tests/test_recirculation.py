@@ -344,6 +344,25 @@ def test_history_helps_a_moving_camera():
     assert 2 * ours < alone
 
 
+@pytest.mark.parametrize("speed", [0.1, 0.28, 0.5])
+def test_history_keeps_up_with_a_slow_camera(speed):
+    """A point that new samples join moves as far as they do; by whole pixels, it would lag by one or two."""
+    width, height, pipeline = 48, 32, yester.Recirculation(blur=0.0, innovation=False)
+    step = speed * 6 * np.tan(np.radians(30)) / width  # at a distance of 3, in a field of view of 60 degrees
+    apart = []
+    for i in range(40):
+        at = [-step * i, 0, 0]
+        camera = yester.Camera.from_look_at(at, [at[0], 0, 1], [0, 1, 0], 60, width, height, fov_axis="x")
+        depth = np.full((height, width), 3.0)
+        place = camera.unproject(np.stack(np.indices((width, height)), -1).transpose(1, 0, 2) + 0.5, depth)
+        color = np.repeat(0.5 + 0.4 * np.sin(3 * place[..., :1] + place[..., 1:2]), 3, -1)
+        shown = pipeline.step(yester.Frame(color, depth=depth, camera=camera)).color
+        if i >= 30:
+            slope = np.gradient(color[..., 0], axis=1)[6:-6, 6:-6]
+            apart.append(((shown - color)[6:-6, 6:-6, 0] * slope).sum() / (slope**2).sum())
+    assert abs(np.mean(apart)) < 0.1
+
+
 def test_noise_is_averaged():
     """On a static noisy image, each new sample has less weight, down to a limit."""
     rng, pipeline = np.random.default_rng(0), yester.Recirculation()

@@ -91,6 +91,29 @@ def test_between_equal_cameras_all_stays():
         )
 
 
+@pytest.mark.parametrize("half", [-0.5, 0.5])
+def test_points_on_the_border_stay_in_their_pixel(half):
+    color = np.arange(12, dtype=np.float32).reshape(2, 6)
+    offset = np.full((2, 6, 2), half, np.float32)
+    still = {"camera": view(size=(6, 2)), "previous_camera": view(size=(6, 2))}
+    got, _, left, quality = yester.splat(color, np.ones((2, 6)), **still, offset=offset)
+    assert_same_bits(got, color)
+    np.testing.assert_allclose(left, offset, rtol=1e-6)
+    assert (quality == 1).all()
+
+
+def test_cracks_are_filled_from_both_sides():
+    """A column that no point covers takes its own row, and of its neighbours as much from above as from below."""
+    color = np.repeat(np.arange(7, dtype=np.float32)[:, None], 6, 1)
+    drift = np.zeros((7, 6, 2), np.float32)
+    drift[:, 3:, 0] = -1
+    still = {"camera": view(size=(6, 7)), "previous_camera": view(size=(6, 7)), "reach": 0.5}
+    got, *_ = yester.splat(color, np.ones((7, 6)), **still, drift=drift)
+    np.testing.assert_allclose(got[1:-1], color[1:-1], rtol=1e-6)
+    flipped, *_ = yester.splat(color[::-1].copy(), np.ones((7, 6)), **still, drift=drift)
+    np.testing.assert_allclose(flipped, got[::-1], rtol=1e-6)
+
+
 def test_constant_stays_constant():
     color = np.full((40, 60, 3), np.float32([0.7, 0.1, 3]))
     depth = 5 + 0.01 * np.arange(60, dtype=np.float32) + np.zeros((40, 1), np.float32)

@@ -527,7 +527,7 @@ def test_reflections_sharpen_mirrors():
         (["depth", "camera"], {"depth", "camera"}),
         (["depth", "normal", "camera"], {"depth", "normal", "camera", "plane"}),
         (["depth", "normal", "motion", "camera"], {"depth", "normal", "motion", "plane"}),
-        (["position", "camera"], {"camera"}),
+        (["position", "camera"], {"camera", "position"}),
         (["camera"], set()),
         (["position"], set()),
         (["replay", "jitter", "object_normal", "hit_distance"], {"object_normal", "replay"}),

@@ -285,7 +285,7 @@ def test_everything_is_used_that_is_there():
         (("color",), ()),
         (("color", "jitter"), ("jitter",)),
         (("color", "depth", "motion"), ("motion", "depth")),
-        (("color", "position", "camera"), ("camera",)),
+        (("color", "position", "camera"), ("camera", "position")),
         (NAMES, ("jitter", "motion", "depth")),
     ):
         taa = yester.TAA()

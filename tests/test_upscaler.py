@@ -89,7 +89,7 @@ def test_everything_is_used_that_is_there():
         (("color",), ()),
         (("color", "jitter"), ("jitter",)),
         (("color", "depth", "motion"), ("motion", "depth")),
-        (("color", "position", "camera"), ("camera",)),
+        (("color", "position", "camera"), ("camera", "position")),
         (NAMES, ("motion", "depth", "jitter", "reactive")),
     ):
         upscaler = yester.Upscaler()
@@ -132,6 +132,23 @@ def test_a_still_image_converges_to_its_own_resolution(scale, factor):
     )
     assert factor * own < alone
     assert 4 * own < native
+
+
+@pytest.mark.parametrize("scale", [1.0, 1.5, 2.0])
+def test_locks_open_when_all_light_changes(scale):
+    """A line a sample wide that is locked follows light that falls to a fiftieth, within two frames."""
+    upscaler, shift = yester.Upscaler(scale), yester.jitter(64)
+    for i in range(44):
+        x = np.arange(48) + 0.5 + shift[i % 64][0]
+        row = np.where(np.abs(x - 24.3) < 0.5, 1.0, 0.1) * (1 if i < 40 else 0.02)
+        color = np.broadcast_to(row[:, None], (48, 48, 3))
+        out = upscaler.step(yester.Frame(color, jitter=shift[i % 64], motion=np.zeros((48, 48, 2))))
+        at = int(24.3 * scale)
+        line = out.color[int(24 * scale), at - 1 : at + 2].max()
+        if i == 39:
+            assert line > 0.75
+        if i >= 42:
+            assert line < 0.04
 
 
 def test_without_jitter_it_is_lanczos():

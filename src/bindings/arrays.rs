@@ -481,6 +481,7 @@ impl<'py, T: Element> Out<'py, T> {
         let Some(value) = value else {
             return Ok(Self::fresh());
         };
+        refuse_mask(&value, "out")?;
         let expected = format!(
             "a writable {} array in C order of shape {}",
             T::get_dtype(value.py()),

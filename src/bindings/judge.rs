@@ -682,8 +682,8 @@ pub fn temporal_gradient<'py>(
 ///     again, and the evidence keeps the corrected part.
 /// sparse : bool, default False
 ///     `color` has samples in few pixels, and the prediction is made of few. Differences are then relative to the local
-///     mean of the light, as the prediction itself is noisy; and unknown blocks, whose variance in `evidence` is NaN,
-///     are left out of the means.
+///     mean of the light, as the prediction itself is noisy; and a block without samples keeps its evidence until it
+///     gets one.
 /// out : tuple of (H, W, 3) and (ceil(H / 2), ceil(W / 2), 4) float32 arrays, optional
 ///     Written and returned instead of new arrays. A part may be None.
 ///
@@ -692,7 +692,8 @@ pub fn temporal_gradient<'py>(
 /// correction : (H, W, 3) float32
 ///     To be added to the prediction; 0 where no error was found.
 /// evidence : (ceil(H / 2), ceil(W / 2), 4) float32
-///     For the next frame: the relative difference that is not fed back, and its variance.
+///     For the next frame: the relative difference that is not fed back, and its variance. The variance is NaN in
+///     blocks without samples and evidence, which are left out of all means.
 ///
 /// Raises
 /// ------

@@ -31,7 +31,8 @@ const OFFSET: Channels = Channels::Of(&[2]);
 /// camera, previous_camera : Camera
 ///     Of the current and the previous frame, without jitter, both of the image's size.
 /// offset : (H, W, 2) array_like of float, optional
-///     Position of each point relative to its pixel's centre, in pixels, x right, y down. By default 0.
+///     Position of each point relative to its pixel's centre, in pixels, x right, y down; -0.5 and 0.5 are the pixel's
+///     borders and belong to it. By default 0.
 /// drift : (H, W, 2) or (H, W, 3) array_like of float, optional
 ///     The points' own motion: previous minus current position in pixels, and depth; that is, `Frame.motion` minus the
 ///     `motion_vectors` of a static scene. Values that are not finite count as 0.

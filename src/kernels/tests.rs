@@ -25,6 +25,22 @@ use super::smooth::{
 use crate::image::{Image, Interleaved, Size, plane_bands, segments};
 use crate::pixels::{MotionLanes, PixelsMut};
 
+#[test]
+fn an_id_has_one_transform() {
+    let twice = vec![
+        (1, DMat4::IDENTITY),
+        (2, DMat4::IDENTITY),
+        (1, DMat4::IDENTITY),
+    ];
+    let error = Transforms::new(twice).err().expect("id 1 comes twice");
+    assert!(
+        error
+            .to_string()
+            .starts_with("transforms[1]: expected one matrix"),
+        "{error}"
+    );
+}
+
 /// An image each row of which stands for two, with both of them.
 fn doubled(half: &Image, size: Size) -> Image {
     let mut doubled = Image::new(size, half.view().channels);

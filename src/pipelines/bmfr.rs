@@ -9,11 +9,13 @@
 
 mod fit;
 
+use std::fmt;
+
 use std::ops::Range;
 
 use self::fit::{LEAST, accumulate_fits, by_light, fit, restored, without_emitters};
 use super::correction::{Weighed, correct, innovate};
-use super::frame::{Frame, Motion, Output, Pipeline, Steps, Summary, Upkeep, names, show};
+use super::frame::{Frame, Motion, Output, Steps, Summary, Upkeep, names, show};
 use super::history;
 use super::illumination::{Illumination, illumination, modulated, without_fireflies};
 use super::material_ids::MaterialIds;
@@ -34,7 +36,7 @@ use crate::kernels::smooth::restore;
 use crate::pixels::PixelsMut;
 
 /// Parameters of [`Bmfr`].
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Params {
     /// How history is recalled, and how samples join it.
     pub history: history::Params,
@@ -139,7 +141,13 @@ impl Bmfr {
     }
 }
 
-impl Pipeline for Bmfr {}
+impl fmt::Debug for Bmfr {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.debug_struct("Bmfr")
+            .field("params", &self.params)
+            .finish_non_exhaustive()
+    }
+}
 
 impl Steps for Bmfr {
     fn upkeep(&mut self) -> &mut Upkeep {
@@ -252,7 +260,10 @@ impl<'a> Inputs<'a> {
             ("depth", surface.depth.is_some()),
             ("plane", planes),
             ("ids", continues && surface.ids.is_some()),
-            ("position", matches!(place, Some(Place::Position(_)))),
+            (
+                "position",
+                matches!(place, Some(Place::Position(_))) && !used.contains(&"position"),
+            ),
             ("object_normal", continues && turned),
             ("replay", replays),
         ]));

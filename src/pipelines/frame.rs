@@ -21,7 +21,7 @@ use crate::memory::Scratch;
 use crate::rows::Settings;
 
 /// One frame's buffers: its colour, and what else the renderer knows of it. All have one size.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 pub struct Frame<'a> {
     /// 3 channels; linear, scene-referred and unclamped. Samples with NaN or infinity count as missing.
     pub color: Pixels<'a>,
@@ -195,7 +195,8 @@ impl OwnedSurface {
 pub struct Summary {
     /// Names of the buffers that took part.
     pub used: Vec<&'static str>,
-    /// The number of missing samples: pixels whose colour was not finite.
+    /// The number of missing samples: pixels whose colour was not finite, or, of
+    /// [`Recirculation`](super::recirculation::Recirculation), whose place is unknown.
     pub missing: usize,
     /// Whether the samples have the noise of the frame before, where the pipeline looks: frames of one seed, or one that is
     /// shown twice.
@@ -216,8 +217,8 @@ pub struct Upkeep {
     check: Check,
 }
 
-/// What [`Pipeline`] is made of. It is out of reach for other crates, so that every step is checked.
-pub trait Steps {
+/// What a [`Pipeline`] is made of, within the crate: other crates cannot leave out the checks.
+pub trait Steps: Sized {
     fn upkeep(&mut self) -> &mut Upkeep;
 
     /// Drops the history.
@@ -225,43 +226,23 @@ pub trait Steps {
 
     /// Runs the passes on the next frame, which is checked. An error leaves the state as it was.
     fn next(&mut self, frame: &Frame, output: Output) -> Result<Summary>;
-}
 
-/// A method that works on a sequence frame by frame.
-pub trait Pipeline: Steps {
-    /// The size of the results for frames of this size.
-    fn output_size(&self, size: Size) -> Size {
+    /// As [`Pipeline::output_size`].
+    fn result_size(&self, size: Size) -> Size {
         size
     }
 
-    /// The outputs that this pipeline writes beside those of all pipelines.
-    fn extras(&self) -> Extras {
+    /// As [`Pipeline::extras`].
+    fn writes(&self) -> Extras {
         Extras::default()
     }
 
-    /// Starts a new sequence.
-    fn reset(&mut self) {
+    /// As [`Pipeline::reset`].
+    fn start_anew(&mut self) {
         *self.upkeep() = Upkeep::default();
         self.forget();
     }
 
-    /// Runs the passes on the next frame of the sequence. Also returns what seems wrong with the frame's motion, which is
-    /// checked once, at the second frame.
-    ///
-    /// # Errors
-    /// If a buffer has another size or other channels than it should, the size changes without a [`reset`](Self::reset), or
-    /// the pipeline needs a buffer that is absent. The history is then as before.
-    ///
-    /// # Panics
-    /// If an allocation fails, with [`OutOfMemory`](crate::OutOfMemory). A panic resets the pipeline, which stays usable.
-    fn step(&mut self, frame: &Frame, output: Output) -> Result<(Summary, Option<Mistake>)> {
-        self.checked(frame, |pipeline, frame| {
-            output.check(pipeline.output_size(frame.color.size), pipeline.extras())?;
-            pipeline.next(frame, output)
-        })
-    }
-
-    #[doc(hidden)]
     /// Runs a step on a frame that it has checked.
     fn checked(
         &mut self,
@@ -274,12 +255,58 @@ pub trait Pipeline: Steps {
         let mut upkeep = std::mem::take(self.upkeep());
         let next = AssertUnwindSafe(|| upkeep.scratch.install(|| next(self, frame)));
         let summary = catch_unwind(next).unwrap_or_else(|panic| {
-            self.reset();
+            self.start_anew();
             resume_unwind(panic)
         });
         let mistake = summary.as_ref().ok().and_then(|_| upkeep.check.see(frame));
         *self.upkeep() = upkeep;
         Ok((summary?, mistake))
+    }
+}
+
+/// A method that works on a sequence frame by frame. Those of this crate have it; it cannot be implemented outside.
+pub trait Pipeline {
+    /// The size of the results for frames of this size.
+    fn output_size(&self, size: Size) -> Size;
+
+    /// The outputs that this pipeline writes beside those of all pipelines.
+    fn extras(&self) -> Extras;
+
+    /// Starts a new sequence.
+    fn reset(&mut self);
+
+    /// Runs the passes on the next frame of the sequence. Also returns what seems wrong with the frame's motion, which is
+    /// checked once, at the second frame.
+    ///
+    /// # Errors
+    /// If a buffer, the camera or an output has another size or other channels than it should, the jitter is above half a
+    /// pixel, the pipeline needs a buffer that is absent, or an environment variable of [`Settings`] has a value that it
+    /// cannot have; and if the size changes, or albedo is given in some frames and absent in others, without a
+    /// [`reset`](Self::reset). The history is then as before.
+    ///
+    /// # Panics
+    /// If an allocation fails, with [`OutOfMemory`](crate::OutOfMemory). A panic resets the pipeline, which stays usable.
+    fn step(&mut self, frame: &Frame, output: Output) -> Result<(Summary, Option<Mistake>)>;
+}
+
+impl<P: Steps> Pipeline for P {
+    fn output_size(&self, size: Size) -> Size {
+        self.result_size(size)
+    }
+
+    fn extras(&self) -> Extras {
+        self.writes()
+    }
+
+    fn reset(&mut self) {
+        self.start_anew();
+    }
+
+    fn step(&mut self, frame: &Frame, output: Output) -> Result<(Summary, Option<Mistake>)> {
+        self.checked(frame, |pipeline, frame| {
+            output.check(pipeline.result_size(frame.color.size), pipeline.writes())?;
+            pipeline.next(frame, output)
+        })
     }
 }
 

@@ -8,7 +8,7 @@ use crate::kernels::merge::accumulate;
 use crate::kernels::smooth::fireflies;
 
 /// How history is brought to a frame, and how the frame's samples join it.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Params {
     /// The tests that history must pass.
     pub surface: validate::Params,

@@ -24,12 +24,12 @@
 mod history;
 mod samples;
 
+use std::fmt;
+
 use self::history::{Points, filled_depth, motion_along, report_known};
 use self::samples::{Fresh, find_samples};
 use super::correction::{correct, innovate};
-use super::frame::{
-    Frame, Motion, Output, Pipeline, Steps, Summary, Upkeep, check_size, names, show,
-};
+use super::frame::{Frame, Motion, Output, Steps, Summary, Upkeep, check_size, names, show};
 use super::illumination::samples_without_fireflies;
 use crate::error::{Error, Result, Whole, whole};
 use crate::image::{Image, Interleaved, Pixels, Size, View};
@@ -43,7 +43,7 @@ use crate::kernels::smooth::fireflies;
 use crate::pixels::PixelsMut;
 
 /// Parameters of [`Recirculation`].
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Params {
     /// How what was known is scattered.
     pub splat: splat::Params,
@@ -158,7 +158,13 @@ impl Recirculation {
     }
 }
 
-impl Pipeline for Recirculation {}
+impl fmt::Debug for Recirculation {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.debug_struct("Recirculation")
+            .field("params", &self.params)
+            .finish_non_exhaustive()
+    }
+}
 
 impl Steps for Recirculation {
     fn upkeep(&mut self) -> &mut Upkeep {

@@ -17,6 +17,7 @@ mod sides;
 mod still;
 
 use std::cell::OnceCell;
+use std::fmt;
 
 use self::finish::finish;
 use self::merge::{Merged, merge, merge_at_once};
@@ -26,8 +27,8 @@ use self::sides::{Joined, expect, join, join_reports};
 use self::still::Still;
 use super::correction::innovate;
 use super::frame::{
-    Expectation, Extras, Frame, History, HistoryMut, Mistake, Motion, Output, Pipeline, Steps,
-    Summary, Upkeep, names,
+    Expectation, Extras, Frame, History, HistoryMut, Mistake, Motion, Output, Steps, Summary,
+    Upkeep, names,
 };
 use super::illumination::{Illumination, illumination};
 use super::material_ids::MaterialIds;
@@ -118,17 +119,23 @@ impl Svgf {
     }
 }
 
-impl Pipeline for Svgf {
-    fn extras(&self) -> Extras {
+impl fmt::Debug for Svgf {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.debug_struct("Svgf")
+            .field("params", &self.params)
+            .finish_non_exhaustive()
+    }
+}
+
+impl Steps for Svgf {
+    fn writes(&self) -> Extras {
         Extras {
             variance: true,
             choice: self.params.choice.is_some(),
             motion: !self.params.reflections.is_empty() && self.antialias.is_none(),
         }
     }
-}
 
-impl Steps for Svgf {
     fn upkeep(&mut self) -> &mut Upkeep {
         &mut self.upkeep
     }
@@ -156,7 +163,7 @@ impl Svgf {
         output: Output,
     ) -> Result<(Summary, Option<Mistake>)> {
         self.checked(frame, |pipeline, frame| {
-            output.check(frame.color.size, pipeline.extras())?;
+            output.check(frame.color.size, pipeline.writes())?;
             later.check(frame.color.size)?;
             pipeline.show(frame, Some(later), output)
         })

@@ -14,6 +14,8 @@ mod mix;
 mod params;
 mod sweep;
 
+use std::fmt;
+
 use std::ops::Range;
 
 use self::mix::{Seen, mix};
@@ -21,7 +23,7 @@ pub use self::params::{Limits, Params};
 use self::sweep::Sweep;
 use super::correction::{Weighed, correct, innovate, scale};
 use super::frame::{
-    Frame, Mistake, Output, OwnedSurface, Pipeline, Report, Steps, Summary, Upkeep, check_size,
+    Frame, Mistake, Output, OwnedSurface, Report, Steps, Summary, Upkeep, check_size,
 };
 use super::illumination::samples_without_fireflies;
 use super::repetition::Noise;
@@ -412,7 +414,7 @@ impl Taa {
     ) -> Result<(Summary, Option<Mistake>)> {
         self.checked(frame, |pipeline, frame| {
             let size = frame.color.size;
-            output.check(size, pipeline.extras())?;
+            output.check(size, pipeline.writes())?;
             let Source {
                 samples,
                 confidence,
@@ -431,7 +433,13 @@ impl Taa {
     }
 }
 
-impl Pipeline for Taa {}
+impl fmt::Debug for Taa {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.debug_struct("Taa")
+            .field("params", &self.stage.params)
+            .finish_non_exhaustive()
+    }
+}
 
 impl Steps for Taa {
     fn upkeep(&mut self) -> &mut Upkeep {

@@ -13,9 +13,11 @@
 mod grids;
 mod merge;
 
+use std::fmt;
+
 use self::grids::Grids;
 use self::merge::{CHANNELS, Merge};
-use super::frame::{Frame, Output, Pipeline, Steps, Summary, Upkeep, check_size, names};
+use super::frame::{Frame, Output, Steps, Summary, Upkeep, check_size, names};
 use super::illumination::samples_without_fireflies;
 use crate::error::{Error, Result, from_0_to_1, in_range};
 use crate::image::{Image, Interleaved, Pixels, SEGMENT, Size, View, segments};
@@ -36,7 +38,7 @@ use crate::kernels::smooth::sharpen::{self, sharpen};
 use crate::pixels::{PixelsMut, Row};
 
 /// Parameters of [`Upscaler`].
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Params {
     /// Pixels of the output to one of the input, along each side; 1 to 4; 2.
     pub scale: f64,
@@ -64,6 +66,12 @@ const GRADIENT: gradient::Params = gradient::Params {
     noise: 2.2,
     passes: 1,
     widest: 1,
+};
+/// A frame that misses a thin feature hardly changes the mean around it.
+const AROUND: gradient::Params = gradient::Params {
+    passes: 3,
+    widest: 3,
+    ..GRADIENT
 };
 /// Luminances within this ratio belong to one thin feature.
 const SIMILARITY: f32 = 1.05;
@@ -141,13 +149,19 @@ impl Upscaler {
     }
 }
 
-impl Pipeline for Upscaler {
-    fn output_size(&self, size: Size) -> Size {
-        self.params.scaled(size)
+impl fmt::Debug for Upscaler {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.debug_struct("Upscaler")
+            .field("params", &self.params)
+            .finish_non_exhaustive()
     }
 }
 
 impl Steps for Upscaler {
+    fn result_size(&self, size: Size) -> Size {
+        self.params.scaled(size)
+    }
+
     fn upkeep(&mut self) -> &mut Upkeep {
         &mut self.upkeep
     }
@@ -186,7 +200,8 @@ impl Steps for Upscaler {
         let exposure = exposure(fresh);
         let thin = find_thin_features(fresh);
         let (color, weight) = grids.resample(fresh);
-        let change = find_gradient([fresh, then.pixels()], None, GRADIENT);
+        let [change, change_around] =
+            [GRADIENT, AROUND].map(|params| find_gradient([fresh, then.pixels()], None, params));
         let clipped = clip(past.color(), color.pixels(), exposure);
         let merge = Merge {
             params,
@@ -198,6 +213,7 @@ impl Steps for Upscaler {
             motion,
             disoccluded,
             change,
+            change_around,
             thin,
             reactive: frame.reactive.map(Pixels::plane),
         };

@@ -103,7 +103,7 @@ def innovation(
     share : weight of the new frame in the evidence
     levels : number of block sizes
     fed_back : whether the next prediction will be corrected as well
-    sparse : whether few pixels are sampled: differences are relative to the light around, unknown blocks do not count
+    sparse : whether few pixels are sampled: differences are relative to the light around, evidence waits for samples
 
     Returns
     -------
@@ -132,7 +132,7 @@ def innovation(
         w = w.where((samples > 0) | (trust == 0), 1)  # (h, w, 1)
     mean = (1 - w) * seen + w * old[..., :3]  # (h, w, 3)
     variance = (1 - w) ** 2 * noise + w**2 * old[..., 3:]  # (h, w, 1)
-    some = ((samples > 0) | (w > 0) | (not sparse)).to(mean)  # (h, w, 1), 1 where known
+    some = ((samples > 0) | (w > 0)).to(mean)  # (h, w, 1), 1 where known
 
     pyramid = [(mean, variance, some)]  # (h, w, 3), (h, w, 1) and (h, w, 1), halved from level to level
     for _ in range(1, levels):

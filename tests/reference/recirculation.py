@@ -88,8 +88,12 @@ class Recirculation:
         kept = known > 0  # (H, W)
 
         fresh = fresh.where(traced | (known <= 8 * fresh), 0)  # (H, W)
-        place = torch.where(traced, depth, torch.where(kept, place, 1 / filled[..., 3]))  # (H, W)
-        offset = torch.where(traced[..., None], own, offset.where(kept[..., None], 0))  # (H, W, 2)
+        share = torch.where(traced & kept & (place != depth), fresh / (fresh + known), 1)  # (H, W)
+        met = torch.where(share < 1, place + share * (depth - place), depth)  # (H, W)
+        place = torch.where(traced, met, torch.where(kept, place, 1 / filled[..., 3]))  # (H, W)
+        share = torch.where(kept, fresh / (fresh + known), 1)[..., None]  # (H, W, 1)
+        met = torch.where(share < 1, offset + share * (own - offset), own)  # (H, W, 2)
+        offset = torch.where(traced[..., None], met, offset.where(kept[..., None], 0))  # (H, W, 2)
         drift = torch.where((kept & ~traced)[..., None], color[..., 3:], filled[..., 4:])  # (H, W, 3)
         motion = motion_vectors(place, frame.camera, before) + drift  # (H, W, 3)
         images = filled[..., :3], fresh, color[..., :3], known, motion

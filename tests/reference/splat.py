@@ -39,6 +39,7 @@ def splat(
     image = color.reshape(height, width, -1)  # (H, W, C)
     own = torch.zeros_like(depth)[..., None].expand(-1, -1, 2) if offset is None else offset  # (H, W, 2)
     good = torch.ones_like(depth) if quality is None else quality  # (H, W)
+    own = own.where(own != 0.5, 0.5 - 2**-24)  # (H, W, 2)
     place = pixel_centres(height, width, depth) + own  # (H, W, 2)
     far = depth == torch.inf  # (H, W)
     there, ahead = project(camera, unproject(previous_camera, place, depth.where(~far, 1)))  # (H, W, 2), (H, W)
@@ -59,10 +60,11 @@ def splat(
     cell = moved.floor()  # (N, 2)
     own = moved - cell - 0.5  # (N, 2)
 
-    def cover(side: Tensor) -> list[tuple[Tensor, Tensor, bool]]:
+    def cover(reach=0.0) -> list[tuple[Tensor, Tensor, bool]]:
         """The pairs of points and covered pixels, and whether the pixel is the point's own."""
-        half = side[:, None] / 2  # (N, 1)
-        first, last = (own - half).floor() + 1, (own + half).floor()  # (N, 2), (N, 2)
+        half = side[:, None] / 2 + reach  # (N, 1)
+        first = (own - half).ceil() if reach > 0 else (own - half).floor() + 1  # (N, 2)
+        last = (own + half).floor()  # (N, 2)
         most = int(torch.cat([first, last]).abs().max()) if len(side) else 0
         taps = []
         for dy in range(-most, most + 1):
@@ -81,13 +83,13 @@ def splat(
             nearest.scatter_reduce_(0, where, near[who], "amin")
         return nearest
 
-    taps = cover(side)
+    taps = cover()
     nearest, reached = find_nearest(taps), torch.zeros(height * width, dtype=torch.bool)  # (H W,), (H W,)
     for _, where, _ in taps:
         reached[where] = True
     taps = [(*tap, 1.0) for tap in taps]
     if reach > 0:
-        wide = cover(side + 2 * reach)
+        wide = cover(reach)
         nearest = torch.where(reached, nearest, find_nearest(wide))  # (H W,)
         for who, where, here in wide:
             free = ~reached[where]  # (M,)

@@ -82,12 +82,15 @@ class Upscaler:
             frame = hold_down(frame, there)
         color, weight = resample(frame.color, large, offset=(x, y))  # (h, w, 3), (h, w)
         thin = enlarge(thin_features(frame.color))  # (h, w)
-        change = enlarge(temporal_gradient(frame.color, there, noise=2.2, passes=1, widest=1))  # (h, w)
+        change, around = (
+            enlarge(temporal_gradient(frame.color, there, noise=2.2, passes=passes, widest=passes)) for passes in (1, 3)
+        )  # (h, w) each
         bright = exposure(frame.color)
         clipped = clip_history(history, color, exposure=bright, space="tonemapped-ycocg", response="clamp")  # (h, w, 3)
 
         confidence = coverage * (1 - hidden) * (1 - reacts)  # (h, w)
         haste = blend_factor(torch.ones_like(samples), moved, alpha=0.0, fast_alpha=1.0, speed=self.speed)  # (h, w)
+        lock = lock * (1 - (4 * around).clamp(max=1))  # (h, w)
         hold = ((1 - (4 * change).clamp(max=1)) * (1 - haste)).maximum(lock)  # (h, w)
         held = blend(history, clipped, hold)  # (h, w, 3)
         new = weight.where(color.isfinite().all(-1), 0)  # (h, w)

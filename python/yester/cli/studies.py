@@ -59,7 +59,8 @@ def add_chart(command: Command) -> None:
     )
     render = parser.add_argument_group("sequences to render", "if no FRAMES are given").add_argument
     groups = (
-        "names, or tuning, held-out, unkind-tuning, unkind-held-out, late-held-out, thin; default: all but the last two"
+        "names, or tuning, held-out, unkind-tuning, unkind-held-out, late-held-out, fresh-held-out, thin; "
+        "default: all but the last three"
     )
     render("--sequences", metavar="NAME", nargs="+", help=groups)
     render("--length", metavar="N", type=count, help="number of frames; 16")

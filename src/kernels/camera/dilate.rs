@@ -40,7 +40,7 @@ impl Window {
 }
 
 /// Parameters of [`dilate_motion`].
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Params {
     /// The neighbours that are searched.
     pub window: Window,

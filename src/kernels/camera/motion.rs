@@ -121,6 +121,10 @@ impl Transforms {
             }
         }
         transforms.sort_by_key(|&(id, _)| id);
+        if let Some(twice) = transforms.windows(2).find(|pair| pair[0].0 == pair[1].0) {
+            let name = format!("transforms[{}]", twice[0].0);
+            return Err(Error::value(&name, "one matrix", "several"));
+        }
         let affine = |(id, matrix)| (id, DAffine3::from_mat4(matrix));
         Ok(Self(transforms.into_iter().map(affine).collect()))
     }

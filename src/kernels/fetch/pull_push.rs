@@ -21,7 +21,7 @@ use crate::image::{BandMut, Image, Pixels, Size, View};
 use crate::rows::{self, BAND, Kernel, Simd};
 
 /// The pyramid of [`pull_push`].
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Params {
     /// f: ratio of the sides of successive levels; 2 to 16; 2.
     pub factor: usize,

@@ -30,7 +30,7 @@ use crate::tiles::Tiles;
 const WIDEST: usize = 8;
 
 /// How [`reproject`] reads history.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Params {
     /// Bilinear.
     pub filter: Filter,
@@ -38,6 +38,16 @@ pub struct Params {
     pub fallback: bool,
     /// Whether wide filters are held to the range of the nearest 2×2 taps; true.
     pub dering: bool,
+}
+
+impl Default for Params {
+    fn default() -> Self {
+        Self {
+            filter: Filter::Bilinear,
+            fallback: true,
+            dering: true,
+        }
+    }
 }
 
 impl Params {

@@ -12,7 +12,8 @@
 //! t being the tolerance. All sums run over the points in the order of their source pixels.
 //!
 //! Points keep their sub-pixel positions and so leave cracks between them as they move. A pixel that no point covers may
-//! therefore use points whose squares, enlarged by `reach` on every side, cover it; their quality falls accordingly.
+//! therefore use points whose squares, enlarged by `reach` on every side and closed, cover it; their quality falls
+//! accordingly.
 //!
 //! A covered pixel other than the one that contains the point gets a copy with offset 0.
 //!
@@ -30,7 +31,7 @@ use crate::kernels::camera::pinhole::{Camera, Warp};
 use crate::rows::{self, BAND, Kernel, Simd};
 
 /// What a point covers.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Params {
     /// t: relative depth difference from which points belong to another surface; above 0; 0.1.
     pub tolerance: f32,
@@ -136,6 +137,9 @@ pub fn splat(points: Points, cameras: [&Camera; 2], params: Params, splats: Spla
     rows::run(&gather, size.height, outs);
 }
 
+/// Points at either border of their pixel belong to it, although a pixel ends just before its right and lower border.
+const BELOW_HALF: f32 = 0.5 - 0.5 * f32::EPSILON;
+
 /// A point projected to the current frame.
 #[derive(Clone, Copy)]
 struct Point {
@@ -150,11 +154,15 @@ struct Point {
 }
 
 impl Point {
-    /// The pixels covered along an axis: those with centres in (−s/2, s/2] around the point.
+    /// The pixels covered along an axis: those with centres in (−s/2, s/2] around the point, so that one of side 1 has one
+    /// pixel; with a reach, in [−s/2, s/2], so that cracks are filled from both sides alike.
     #[inline(always)]
-    fn covers(place: i32, offset: f32, side: f32, end: usize) -> Range<usize> {
-        let half = 0.5 * side;
-        let first = place + (offset - half).floor() as i32 + 1;
+    fn covers(place: i32, offset: f32, side: f32, reach: f32, end: usize) -> Range<usize> {
+        let half = 0.5 * side + reach;
+        let first = match reach > 0.0 {
+            true => place + (offset - half).ceil() as i32,
+            false => place + (offset - half).floor() as i32 + 1,
+        };
         let last = place + (offset + half).floor() as i32;
         let end = end as i32;
         first.clamp(0, end) as usize..(last + 1).clamp(0, end) as usize
@@ -163,10 +171,9 @@ impl Point {
     /// Covered columns and rows, with the square enlarged by `reach` on every side.
     #[inline(always)]
     fn square(&self, size: Size, reach: f32) -> [Range<usize>; 2] {
-        let side = self.side + 2.0 * reach;
         [
-            Self::covers(self.x, self.offset[0], side, size.width),
-            Self::covers(self.y, self.offset[1], side, size.height),
+            Self::covers(self.x, self.offset[0], self.side, reach, size.width),
+            Self::covers(self.y, self.offset[1], self.side, reach, size.height),
         ]
     }
 }
@@ -210,7 +217,10 @@ impl<'a> Project<'a> {
             return None;
         }
         let [ox, oy] = match offset {
-            Some(offset) => [0, 1].map(|c| offset.at(source, c)),
+            Some(offset) => [0, 1].map(|c| match offset.at(source, c) {
+                0.5 => BELOW_HALF,
+                offset => offset,
+            }),
             None => [0.0; 2],
         };
         let place = [(x, ox), (y, oy)].map(|(place, o)| place as f64 + 0.5 + f64::from(o));

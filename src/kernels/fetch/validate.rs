@@ -44,7 +44,7 @@ pub mod rejection {
 }
 
 /// Differences up to `full` have trust 1, differences beyond `none` have 0; the ramp between is linear.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Threshold {
     /// Differences up to here are fully trusted.
     pub full: f32,
@@ -110,7 +110,7 @@ impl Threshold {
 }
 
 /// The thresholds of the tests.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Params {
     /// Relative difference of depth; > 0; 0.1.
     pub relative_depth: Threshold,
@@ -161,7 +161,7 @@ impl Params {
 }
 
 /// The guide buffers of one frame.
-#[derive(Clone, Copy, Default)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct Surface<'a> {
     /// View-space z (1), +inf where nothing was hit.
     pub depth: Option<Pixels<'a>>,

@@ -17,7 +17,7 @@ use crate::pixels::{MotionLanes, MotionRun, PixelsMut, Row};
 use crate::rows::{self, Kernel, Simd};
 
 /// Weights of the new sample.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Params {
     /// α_min: for full confidence and slow motion; 0 to 1; 0.05.
     pub alpha: f32,
@@ -25,6 +25,19 @@ pub struct Params {
     pub fast_alpha: f32,
     /// s₀ and s₁ in pixels: slow up to the first, fast from the second; ≥ 0; 0 and 1.
     pub speed: Threshold,
+}
+
+impl Default for Params {
+    fn default() -> Self {
+        Self {
+            alpha: 0.05,
+            fast_alpha: 0.2,
+            speed: Threshold {
+                full: 0.0,
+                none: 1.0,
+            },
+        }
+    }
 }
 
 impl Params {

@@ -37,7 +37,7 @@ use crate::pixels::{Colors, Row};
 use crate::rows::{self, BAND, Kernel, Simd};
 
 /// What it takes for another candidate than the usual one.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Params {
     /// c: standard errors by which a candidate must beat the default; ≥ 0; 0.5.
     pub strictness: f32,

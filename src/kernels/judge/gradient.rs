@@ -24,7 +24,7 @@ use crate::pixels::STRIP;
 use crate::rows::{self, BAND, Kernel, Simd};
 
 /// What counts as a change, and how far it is looked for.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Params {
     /// z: standard errors that count as noise; ≥ 0; 2.
     pub noise: f32,

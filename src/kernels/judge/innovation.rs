@@ -11,7 +11,7 @@
 //! for a short history that consists of those very samples. Uncorrected evidence of earlier frames is reprojected along
 //! the motion, from the nearest block:
 //!   E ← (1 − w) r̄ + w E′,  V ← (1 − w)² v + w² V′,  w = (1 − β) · mean of clamp(N − 1, 0, 1),
-//! with β = 0 for blocks without samples. With sparse samples, a block without any keeps its evidence (w = 1); one that
+//! with β = 0 for blocks without samples. With sparse samples, a block without any keeps its evidence (w = 1). One that
 //! has none to keep (w = 0) is unknown: its V is NaN, and all means below leave it out. Persistent differences are so
 //! believed sooner than flickering ones.
 //! **Shrinkage.** Each coarser level averages E over 2×2 blocks, and V with the squares of the same weights. From
@@ -50,7 +50,7 @@ use crate::pixels::{Colors, PixelsMut, Row};
 use crate::rows::{self, Kernel, Simd};
 
 /// What counts as wrong, and over which blocks it is looked for.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Params {
     /// c: multiple of the variance below which a difference counts as noise; ≥ 0; 3.
     pub strictness: f32,
@@ -61,7 +61,7 @@ pub struct Params {
     /// True if the history of the next prediction is corrected too, so that later samples no longer show the difference;
     /// true.
     pub fed_back: bool,
-    /// True if few pixels are sampled: predictions are noisy, and blocks may be unknown; false.
+    /// True if few pixels are sampled: predictions are noisy, and most blocks wait for their next sample; false.
     pub sparse: bool,
 }
 
@@ -147,15 +147,14 @@ pub fn innovation(
     };
     let mut finest = Image::blank(size, CHANNELS);
     rows::run(&gather, size.height, finest.bands());
+    let variances = finest.plane(CHANNELS - 1);
+    let gaps = variances.iter().fold(false, |any, v| any | v.is_nan());
 
     let mut coarser: Vec<Image> = vec![];
     for _ in 1..params.levels {
         let finer = coarser.last().unwrap_or(&finest).view();
         let mut blocks = Image::blank(evidence_size(finer.size), CHANNELS);
-        let pool = Pool {
-            finer,
-            sparse: params.sparse,
-        };
+        let pool = Pool { finer, gaps };
         rows::run(&pool, blocks.size.height, blocks.bands());
         coarser.push(blocks);
     }
@@ -172,6 +171,7 @@ pub fn innovation(
         rows::run(&Subtract(found.as_ref().map(Image::view)), height, outs);
         let shrink = Shrink {
             blocks: blocks.view(),
+            gaps,
             params,
         };
         let rest = (level == 1).then_some(evidence.data_mut());

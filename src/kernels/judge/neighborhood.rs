@@ -63,7 +63,7 @@ pub enum Response {
 }
 
 /// Bounds, the space in which they are taken, and what becomes of colours outside.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Params {
     /// Variance.
     pub bounds: Bounds,
@@ -77,6 +77,19 @@ pub struct Params {
     pub response: Response,
     /// The radiance that tone curves map to ½; above 0; 1.
     pub exposure: f32,
+}
+
+impl Default for Params {
+    fn default() -> Self {
+        Self {
+            bounds: Bounds::Variance,
+            gamma: 1.0,
+            radius: 1,
+            space: Space::YCoCg,
+            response: Response::Center,
+            exposure: 1.0,
+        }
+    }
 }
 
 impl Params {

@@ -10,7 +10,8 @@
 //! them, with opposite signs: their correlation is between 0 and −½. Noise that sticks to the screen correlates by
 //!   C = corr(δ, δ′), δ′ those of the frame before at the same pixels.
 //! Where nothing moves, ρ of noise that repeats is 0, and
-//!   S: the share of pairs of which y(x) is as it was, bit by bit, and ε(x) = (y(x) − y(x + 1)) / (|y(x)| + |y(x + 1)|) above ⅒
+//!   S: the share of pairs of which y(x) is as it was, bit by bit, and |ε(x)| above ⅒, ε(x) = (y(x) − y(x + 1)) / (|y(x)| +
+//!   |y(x + 1)|),
 //! tells it. Images without noise repeat as well: what bilinear interpolation loses of a texture, what mirrors show along
 //! other motion, and all of a scene at rest. But their rows resemble one another, as those of noise do not. The repetition is
 //!   max(0, C − V, S − W), V = corr(δ, δ↓), W = corr(ε, ε↓), at least 0 each, ↓ that of the row below.

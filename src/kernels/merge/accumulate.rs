@@ -27,7 +27,7 @@ use crate::pixels::{Colors, PixelsMut, Row};
 use crate::rows::{self, Kernel, Simd};
 
 /// Least weights of the new sample, and when history is shortened.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Params {
     /// Smallest share of the new sample; 0 to 1; 0.05.
     pub alpha: f32,

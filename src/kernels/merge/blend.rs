@@ -44,7 +44,7 @@ const AROUND: f32 = 4.0;
 const BRIGHTEST: f32 = 1e30;
 
 /// How colours are weighed beside α.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Params {
     /// None.
     pub weighting: Weighting,
@@ -52,6 +52,12 @@ pub struct Params {
     pub flicker: f32,
     /// The radiance that counts as 1; above 0; 1.
     pub exposure: f32,
+}
+
+impl Default for Params {
+    fn default() -> Self {
+        Self::PLAIN
+    }
 }
 
 impl Params {

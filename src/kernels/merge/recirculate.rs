@@ -26,7 +26,7 @@ use crate::pixels::{PixelsMut, Row};
 use crate::rows::{self, Kernel, Simd};
 
 /// Blur, and how quality weighs.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Params {
     /// b: distance of the outer taps, as a fraction of the motion; 0 to 1; ¼.
     pub blur: f32,

@@ -46,7 +46,7 @@ use crate::pixels::{Colors, PixelsMut, Row};
 use crate::rows::{self, Kernel, Simd};
 
 /// Passes, and what stops them.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Params {
     /// Passes; 0 to 16; 5.
     pub iterations: u32,

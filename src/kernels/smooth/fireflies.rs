@@ -27,7 +27,7 @@ use crate::pixels::{PixelsMut, Row};
 use crate::rows::{self, Kernel, Simd};
 
 /// What counts as a firefly, and what becomes of it.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Params {
     /// t: standard deviations above the mean; ≥ 0; 2.
     pub threshold: f32,

@@ -29,7 +29,7 @@ use crate::rows::{self, Kernel, Simd};
 use crate::tiles::Tiles;
 
 /// How far surfaces may differ before they stop a filter.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sigmas {
     /// κ: how sharply differences of normals count; ≥ 0; 128.
     pub normal: f32,

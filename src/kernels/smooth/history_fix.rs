@@ -18,7 +18,7 @@ use crate::math::exp2_weights;
 use crate::rows::{self, Kernel, Simd};
 
 /// Which pixels are fixed, and from how far.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Params {
     /// Histories shorter than this are fixed; ≥ 0; 3.
     pub max_length: f32,

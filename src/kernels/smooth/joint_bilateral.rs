@@ -25,7 +25,7 @@ use crate::pixels::Row;
 use crate::rows::{self, Kernel, Simd};
 
 /// The window, and what stops it.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Params {
     /// r: radius of the window, in samples; 1 to 16; 2.
     pub radius: usize,

@@ -16,7 +16,7 @@ use crate::math::is_present;
 use crate::rows::{self, BAND, Kernel, Simd};
 
 /// How samples are borrowed, and what they count.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Params {
     /// w: how much of a sample a borrowed one is, where nothing else is known; above 0 to 1.
     pub weight: f32,

@@ -31,12 +31,21 @@ use crate::math::{is_present, larger, luminance};
 use crate::rows::{self, Kernel, Simd};
 
 /// What counts as an edge, and how far it is followed.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Params {
     /// Largest difference of brightness (0 to 1) that is not a discontinuity; ≥ 0; 0.1.
     pub threshold: f32,
     /// Search distance to each side, in pixels; 1 to 128; 16.
     pub max_length: usize,
+}
+
+impl Default for Params {
+    fn default() -> Self {
+        Self {
+            threshold: 0.1,
+            max_length: 16,
+        }
+    }
 }
 
 impl Params {

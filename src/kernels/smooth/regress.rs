@@ -59,7 +59,7 @@ pub enum Choice {
 }
 
 /// Blocks and features.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Params {
     /// Side of a block in pixels; 4 to 256; 32.
     pub block: usize,
@@ -201,14 +201,14 @@ impl<'a> Kernel for Regress<'a> {
 }
 
 /// Partial sums per reduction: a fixed number, so that every instruction set adds in the same order.
-const LANES: usize = 16;
+const PARTS: usize = 16;
 
 /// Normal, position, position².
 const COLUMNS: usize = 9;
 
 /// The least-squares problem of one block, structure of arrays.
 struct Block {
-    /// Pixels, padded to a multiple of [`LANES`].
+    /// Pixels, padded to a multiple of [`PARTS`].
     length: usize,
     /// 0 for pixels that do not take part in the fit.
     weight: Vec<f64>,
@@ -230,7 +230,7 @@ struct Block {
 
 impl Block {
     fn new(pixels: usize) -> Self {
-        let padded = pixels.next_multiple_of(LANES);
+        let padded = pixels.next_multiple_of(PARTS);
         let numbers = || vec![0.0; padded];
         Self {
             length: 0,
@@ -251,7 +251,7 @@ impl Block {
     fn load(&mut self, from: &Regress, rows: &Range<usize>, columns: &Range<usize>) {
         let across = columns.len();
         let pixels = rows.len() * across;
-        self.length = pixels.next_multiple_of(LANES);
+        self.length = pixels.next_multiple_of(PARTS);
         self.surface[..self.length].fill(true);
         self.surface[pixels..self.length].fill(false);
         let Features { normal, place } = from.features;
@@ -519,9 +519,9 @@ impl Block {
 }
 
 #[inline(always)]
-fn sum_of(parts: [f64; LANES]) -> f64 {
+fn sum_of(parts: [f64; PARTS]) -> f64 {
     let mut parts = parts;
-    let mut half = LANES / 2;
+    let mut half = PARTS / 2;
     while half > 0 {
         for i in 0..half {
             parts[i] += parts[i + half];
@@ -531,47 +531,33 @@ fn sum_of(parts: [f64; LANES]) -> f64 {
     parts[0]
 }
 
+/// The sum of a term over the elements of columns.
 #[inline(always)]
-fn sum(a: &[f64]) -> f64 {
-    let mut parts = [0.0; LANES];
-    for a in a.as_chunks::<LANES>().0 {
-        for i in 0..LANES {
-            parts[i] += a[i];
+fn reduce<const N: usize>(columns: [&[f64]; N], term: impl Fn([f64; N]) -> f64) -> f64 {
+    let columns = columns.map(|column| column.as_chunks::<PARTS>().0);
+    let mut parts = [0.0; PARTS];
+    for chunk in 0..columns[0].len() {
+        let chunks = columns.map(|column| &column[chunk]);
+        for (i, part) in parts.iter_mut().enumerate() {
+            *part += term(chunks.map(|chunk| chunk[i]));
         }
     }
     sum_of(parts)
+}
+
+#[inline(always)]
+fn sum(a: &[f64]) -> f64 {
+    reduce([a], |[a]| a)
 }
 
 #[inline(always)]
 fn dot(a: &[f64], b: &[f64]) -> f64 {
-    let mut parts = [0.0; LANES];
-    for (a, b) in a
-        .as_chunks::<LANES>()
-        .0
-        .iter()
-        .zip(b.as_chunks::<LANES>().0)
-    {
-        for i in 0..LANES {
-            parts[i] += a[i] * b[i];
-        }
-    }
-    sum_of(parts)
+    reduce([a, b], |[a, b]| a * b)
 }
 
 #[inline(always)]
 fn weighted_square(weight: &[f64], a: &[f64]) -> f64 {
-    let mut parts = [0.0; LANES];
-    for (w, a) in weight
-        .as_chunks::<LANES>()
-        .0
-        .iter()
-        .zip(a.as_chunks::<LANES>().0)
-    {
-        for i in 0..LANES {
-            parts[i] += w[i] * a[i] * a[i];
-        }
-    }
-    sum_of(parts)
+    reduce([weight, a], |[weight, a]| weight * a * a)
 }
 
 #[inline(always)]

@@ -20,7 +20,7 @@ use crate::pixels::{PixelsMut, Row};
 use crate::rows::{self, Kernel, Simd};
 
 /// How much exceeds the noise, and over which window.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Params {
     /// c: multiple of the variance below which a difference counts as noise; ≥ 0; 1.
     pub strictness: f32,

@@ -19,12 +19,21 @@ use crate::pixels::{PixelsMut, Rolling, Row};
 use crate::rows::{self, Kernel, Simd};
 
 /// How much is sharpened.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Params {
     /// Scale of λ; 0 (no change) to 1; 0.5.
     pub strength: f32,
     /// The radiance that the tone curve maps to ½; above 0; 1.
     pub exposure: f32,
+}
+
+impl Default for Params {
+    fn default() -> Self {
+        Self {
+            strength: 0.5,
+            exposure: 1.0,
+        }
+    }
 }
 
 impl Params {

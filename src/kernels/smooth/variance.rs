@@ -18,7 +18,7 @@ use crate::pixels::Rolling;
 use crate::rows::{self, Kernel, Simd};
 
 /// Which variances are estimated in space, and over which window.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Params {
     /// Samples from which the temporal variance is trusted; ≥ 1; 3.5: not a whole number, so that rounding of
     /// resampled lengths does not decide.

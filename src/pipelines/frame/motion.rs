@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use super::Frame;
+use super::{Frame, names};
 use crate::image::{BandMut, Image, Pixels, SEGMENT, Size, segments};
 use crate::kernels::camera::depth_change::depth_change;
 use crate::kernels::camera::motion::{Geometry, Transforms, is_still, motion_vectors};
@@ -42,7 +42,10 @@ impl<'a> Frame<'a> {
         };
         let asks = previous.is_some() && self.motion.is_none_or(lacks);
         let still = asks.then(|| self.still(previous)).flatten();
-        used.extend(still.as_ref().map(|_| "camera"));
+        if still.is_some() {
+            let position = matches!(self.geometry(), Some(Geometry::Position(_)));
+            used.extend(names([("camera", true), ("position", position)]));
+        }
         match (self.motion.zip(self.geometry()), still) {
             (Some((motion, geometry)), Some(still)) => complete(motion, geometry, still),
             (None, Some(still)) => Motion::Computed(still),

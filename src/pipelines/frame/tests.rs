@@ -100,6 +100,25 @@ fn every_pipeline_runs_by_default() {
 }
 
 #[test]
+fn what_users_derive_from_can_be_shown_and_compared() {
+    let wrong = svgf::Params {
+        tap_exposure: -1.0,
+        ..Default::default()
+    };
+    assert_ne!(wrong, svgf::Params::default());
+    let error = svgf::Svgf::new(wrong).unwrap_err();
+    assert!(error.to_string().starts_with("tap_exposure: "));
+    assert!(format!("{:?}", svgf()).starts_with("Svgf { params: Params { "));
+    let buffers = Buffers::new(0);
+    let shown = format!("{:?}", buffers.frame());
+    assert!(
+        shown.starts_with("Frame { color: Pixels { size: "),
+        "{shown}"
+    );
+    assert!(shown.len() < 2000, "elements are not shown: {shown}");
+}
+
+#[test]
 fn frames_in_planes_give_the_same_bits() {
     let [mut one, mut other] = [svgf(), svgf()];
     let expected = bits(&mut one, 0..3);
@@ -306,13 +325,11 @@ impl<'a> Kernel for Panics<'a> {
     }
 }
 
-impl Pipeline for Breaking {
-    fn extras(&self) -> Extras {
-        self.svgf.extras()
-    }
-}
-
 impl Steps for Breaking {
+    fn writes(&self) -> Extras {
+        self.svgf.writes()
+    }
+
     fn upkeep(&mut self) -> &mut Upkeep {
         self.svgf.upkeep()
     }

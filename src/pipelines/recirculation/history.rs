@@ -164,7 +164,19 @@ impl<'a> Kernel for Settle<'a> {
                 let drift = source.at(pixel, first + channel);
                 out.drift.row(channel, pixel / width)[pixel % width] = drift;
             }
-            if sampled {
+            if sampled && kept {
+                // As their colours will.
+                let share = out.fresh[i] / (out.fresh[i] + out.quality[i]);
+                let join = |old: f32, new: f32| {
+                    if old == new {
+                        new
+                    } else {
+                        old + share * (new - old)
+                    }
+                };
+                out.depth[i] = join(out.depth[i], depth);
+                offsets[i] = [join(offsets[i][0], x), join(offsets[i][1], y)];
+            } else if sampled {
                 (out.depth[i], offsets[i]) = (depth, [x, y]);
             } else if !kept {
                 (out.depth[i], offsets[i]) = (1.0 / self.filled.at(pixel, 3), [0.0; 2]);

@@ -12,7 +12,7 @@ use crate::pipelines::history::{self, ESTIMATED_GRADIENT};
 use crate::pipelines::taa;
 
 /// Parameters of [`Svgf`](super::Svgf).
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Params {
     /// How history is recalled, and how samples join it.
     pub history: history::Params,

@@ -18,7 +18,7 @@ use crate::math::larger;
 use crate::pipelines::frame::{Frame, Guides, OwnedSurface};
 
 /// Parameters of [`Taa`](super::Taa).
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Params {
     /// The neighbours whose motion a pixel may take; none: always its own.
     pub dilate: Option<Window>,
@@ -60,7 +60,7 @@ pub struct Params {
 }
 
 /// Thresholds of the surface tests that history must pass; by default there are none.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
     /// Relative difference of depth.
     pub relative_depth: Option<Threshold>,
@@ -72,6 +72,12 @@ pub struct Limits {
     pub relative_albedo: Option<Threshold>,
     /// Whether ids must be equal.
     pub ids: bool,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self::NONE
+    }
 }
 
 impl Limits {

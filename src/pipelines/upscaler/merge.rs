@@ -3,16 +3,16 @@
 //! With c the reprojection's coverage, o the disocclusion, r the reactive mask and |m| the motion, history is trusted by
 //!   t = c (1 − o) (1 − r),
 //! and held, which is to say not clipped, by
-//!   h = max((1 − min(4 λ, 1)) (1 − haste(|m|)), lock),
+//!   h = max((1 − min(4 λ, 1)) (1 − haste(|m|)), l),  l = lock · (1 − min(4 Λ, 1)),
 //! λ being the temporal gradient and haste 0 where all stands still, 1 from fast motion on. A lock is set to 1 by a thin
-//! feature near a sample, follows the history, and opens over its lifetime L:
-//!   lock ← max(lock t − 1/L, thin · min(w, 1)),
+//! feature near a sample, follows the history, and opens over its lifetime L, or as the light changes all around, by Λ:
+//!   lock ← max(l t − 1/L, thin · min(w, 1)),
 //! w being the samples that the frame has near the pixel. History counts N samples, at most 1/α − 1 for the blend factor α
 //! that `blend_factor` gives for t and |m|, and becomes
 //!   N ← N + w,  c ← lerp(lerp(clipped, history, h), new, w/N).
 //!
 //! Inputs of the output's size: new colour (3), w (1), history (5: colour, N, lock), c, failed tests (1), clipped history (3),
-//! motion (2). Of the input's: o, λ, thin, and r, optional (1). Outputs: history (5), N, t and failed tests.
+//! motion (2). Of the input's: o, λ, Λ, thin, and r, optional (1). Outputs: history (5), N, t and failed tests.
 
 use std::ops::Range;
 
@@ -45,7 +45,9 @@ pub struct Merge<'a> {
     pub clipped: Image,
     pub motion: Image,
     pub disoccluded: Image,
+    /// In cells of 2×2 samples, and around.
     pub change: Image,
+    pub change_around: Image,
     pub thin: Image,
     pub reactive: Option<View<'a>>,
 }
@@ -155,7 +157,8 @@ impl Merge<'_> {
         let past = |channel| &self.past.history.view().row(channel, run.y)[run.x..][..run.len];
         let (counts, locks) = (past(SAMPLES), past(LOCK));
         let weights = &self.weight.view().row(0, run.y)[run.x..][..run.len];
-        let (change, thin) = (self.change.plane(0), self.thin.plane(0));
+        let (change, around) = (self.change.plane(0), self.change_around.plane(0));
+        let thin = self.thin.plane(0);
         let mut hastes = [0.0; SEGMENT];
         let factors = self.params.blend_factor;
         let haste = blend_factor::Params {
@@ -167,10 +170,12 @@ impl Merge<'_> {
         factors.shares(&trust[..run.len], Some(motion), factor);
         for i in 0..run.len {
             let at = self.grids.nearest(run.x + i, run.y);
-            let same = 1.0 - (CHANGE * change[at]).min(1.0);
-            let kept = locks[i] * trust[i] - 1.0 / self.params.lifetime;
+            let [same, same_around] =
+                [change, around].map(|change| 1.0 - (CHANGE * change[at]).min(1.0));
+            let locked = locks[i] * same_around;
+            let kept = locked * trust[i] - 1.0 / self.params.lifetime;
             lock[i] = kept.max(thin[at] * weights[i].min(1.0));
-            hold[i] = (same * (1.0 - hastes[i])).max(locks[i]);
+            hold[i] = (same * (1.0 - hastes[i])).max(locked);
             let present = is_present([color[0][i], color[1][i], color[2][i]]);
             let new = if present { weights[i] } else { 0.0 };
             let old = counts[i].min(1.0 / factor[i] - 1.0);

@@ -145,10 +145,11 @@ def similarity(place: ArrayLike, scale: float, turn: float, lean: float) -> Matr
 
 
 def _mesh(name: str, points: Matrix, faces: ArrayLike, bsdf: dict[str, Any], uv: Matrix | None = None) -> Any:
-    """A mesh of points (N, 3) and faces (M, 3), of a material on both sides; smooth if it has texture coordinates."""
+    """A mesh of points (N, 3) and faces (M, 3), smooth if it has texture coordinates; faces have two sides."""
     mi = mitsuba()
     properties = mi.Properties()
-    properties["mesh_bsdf"] = mi.load_dict({"type": "twosided", "nested": bsdf})
+    through = bsdf["type"] == "dielectric"
+    properties["mesh_bsdf"] = mi.load_dict(bsdf if through else {"type": "twosided", "nested": bsdf})
     indices = np.asarray(faces, np.uint32)
     smooth = {"has_vertex_normals": uv is not None, "has_vertex_texcoords": uv is not None}
     mesh = mi.Mesh(name, len(points), len(indices), properties, **smooth)
@@ -230,6 +231,14 @@ def tiles(dark: list[float], bright: list[float], repeat: float) -> dict[str, An
             "to_uv": mitsuba().ScalarTransform4f().scale([repeat, repeat, 1]),
         },
     }
+
+
+def glaze_tiles(dark: list[float], bright: list[float], repeat: float | list[float], alpha: float) -> dict[str, Any]:
+    """A checkerboard under a clear coat."""
+    checks = tiles(dark, bright, 1)["reflectance"]
+    across, down = repeat if isinstance(repeat, list) else (repeat, repeat)
+    checks["to_uv"] = mitsuba().ScalarTransform4f().scale([across, down, 1])
+    return {"type": "roughplastic", "diffuse_reflectance": checks, "alpha": alpha}
 
 
 def picture(pixels: NDArray[np.float32] | None = None) -> dict[str, Any]:

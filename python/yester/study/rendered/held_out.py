@@ -19,6 +19,7 @@ from .build import (
     animate,
     builder,
     glaze,
+    glaze_tiles,
     lathe,
     mitsuba,
     paint,
@@ -72,7 +73,7 @@ def opening_door(frames: int = 24, width: int = 320, height: int = 240) -> Seque
         "floor": {
             "type": "rectangle",
             "to_world": place().translate([0, -1, -1]).rotate([1, 0, 0], -90).scale(6),
-            "bsdf": _glaze_tiles([0.28, 0.17, 0.1], [0.46, 0.31, 0.19], 20, 0.2),
+            "bsdf": glaze_tiles([0.28, 0.17, 0.1], [0.46, 0.31, 0.19], 20, 0.2),
         },
         "ceiling": {
             "type": "rectangle",
@@ -389,7 +390,7 @@ def neon_corridor(frames: int = 24, width: int = 320, height: int = 240) -> Sequ
         "floor": {
             "type": "rectangle",
             "to_world": place().translate([0, -1, -8]).rotate([1, 0, 0], -90).scale([1.5, 13, 1]),
-            "bsdf": _glaze_tiles([0.1, 0.11, 0.13], [0.32, 0.31, 0.3], [3, 26], 0.08),
+            "bsdf": glaze_tiles([0.1, 0.11, 0.13], [0.32, 0.31, 0.3], [3, 26], 0.08),
         },
         "ceiling": {
             "type": "rectangle",
@@ -450,14 +451,6 @@ def _about(point: ArrayLike, axis: ArrayLike, degrees: float) -> Matrix:
     turned = rigid(axis, degrees, [0, 0, 0])
     turned[:3, 3] = np.asarray(point) - turned[:3, :3] @ np.asarray(point)
     return turned
-
-
-def _glaze_tiles(dark: list[float], bright: list[float], repeat: float | list[float], alpha: float) -> dict[str, Any]:
-    """A checkerboard under a clear coat."""
-    checks = tiles(dark, bright, 1)["reflectance"]
-    across, down = repeat if isinstance(repeat, list) else (repeat, repeat)
-    checks["to_uv"] = mitsuba().ScalarTransform4f().scale([across, down, 1])
-    return {"type": "roughplastic", "diffuse_reflectance": checks, "alpha": alpha}
 
 
 def _clouds(side: int, fall: float, rng: np.random.Generator) -> NDArray[np.float64]:

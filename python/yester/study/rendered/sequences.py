@@ -6,10 +6,10 @@ from argparse import ArgumentParser
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from . import held_out, scenes, thin, unkind, unseen
+from . import fresh, held_out, scenes, thin, unkind, unseen
 from .build import BUILDERS, Make
 
-__all__ = ["GROUPS", "LATE", "NAMES", "THIN", "expand", "find", "parser"]
+__all__ = ["FRESH", "GROUPS", "LATE", "NAMES", "THIN", "expand", "find", "parser"]
 
 #: The names of each group. Parameters may be tuned on the ``tuning`` groups; the ``held-out`` ones are for validation.
 GROUPS: dict[str, tuple[str, ...]] = {
@@ -23,10 +23,13 @@ GROUPS["all"] = NAMES
 #: Validation sequences outside ``all``: nothing was chosen or tuned by them.
 LATE = held_out.NAMES
 GROUPS["late-held-out"] = LATE
+#: Those made last, with which no version has been compared yet.
+FRESH = fresh.NAMES
+GROUPS["fresh-held-out"] = FRESH
 #: Sequences outside ``all`` for what is thinner than a pixel.
 THIN = thin.NAMES
 GROUPS["thin"] = THIN
-_KNOWN = NAMES + LATE + THIN
+_KNOWN = NAMES + LATE + FRESH + THIN
 
 
 def find(name: str) -> Make:
@@ -45,7 +48,8 @@ def parser(module: str, about: str | None, default: Sequence[str] = ("all",)) ->
     """Make a command's parser, with the options ``--sequences`` (for `expand`) and ``--cache`` (for `record`)."""
     result = ArgumentParser(prog=f"python -m {module}", description=about)
     known = [*GROUPS, *_KNOWN]
-    others = " and ".join([*GROUPS][-2:])
+    *several, last = [*GROUPS][[*GROUPS].index("all") + 1 :]
+    others = f"{', '.join(several)} and {last}"
     groups = f"names, or {', '.join(GROUPS)}; by default {' '.join(default)}. all does not include {others}"
     result.add_argument("--sequences", metavar="NAME", nargs="+", default=default, choices=known, help=groups)
     result.add_argument("--cache", metavar="DIR", type=Path, help="folder for rendered frames")

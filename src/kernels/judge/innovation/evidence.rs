@@ -170,7 +170,7 @@ impl<F: Colors, P: Colors> Gather<'_, F, P> {
             eg[i] = new * (sum(&pairs.relative[1], i) * per) + w * og;
             eb[i] = new * (sum(&pairs.relative[2], i) * per) + w * ob;
             let variance = new * new * (sum(&pairs.noise, i) * per * per) + w * w * old;
-            let unknown = self.around.is_some() & (samples == 0.0) & (w == 0.0);
+            let unknown = (samples == 0.0) & (w == 0.0);
             variances[i] = if unknown { f32::NAN } else { variance };
         }
     }
@@ -341,8 +341,8 @@ impl<'a, P: Colors> Kernel for Average<'a, P> {
 /// has.
 pub struct Pool<'a> {
     pub finer: View<'a>,
-    /// True if blocks may be unknown.
-    pub sparse: bool,
+    /// False if all blocks are known.
+    pub gaps: bool,
 }
 
 impl Pool<'_> {
@@ -382,7 +382,7 @@ impl<'a> Kernel for Pool<'a> {
     fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut out: BandMut<'a>) {
         let Size { height, width } = self.finer.size;
         for y in rows {
-            if self.sparse {
+            if self.gaps {
                 self.pool_known(y, out.rows(y));
                 continue;
             }

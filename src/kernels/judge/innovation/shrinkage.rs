@@ -73,6 +73,8 @@ impl<'a> Kernel for Subtract<'a> {
 pub struct Shrink<'a> {
     /// E − d and V.
     pub blocks: View<'a>,
+    /// False if all blocks are known.
+    pub gaps: bool,
     pub params: Params,
 }
 
@@ -84,7 +86,7 @@ impl<'a> Kernel for Shrink<'a> {
         let mut blurred = Blurred::new(self.blocks.size.width);
         for y in rows {
             self.add_rows(y, &mut blurred);
-            blurred.add_columns(self.params.sparse);
+            blurred.add_columns(self.gaps);
             blurred.shrink(self.params.strictness);
             let mut found = found.rows::<3>(y);
             for (found, steps) in found.iter_mut().zip(&blurred.steps) {
@@ -129,9 +131,9 @@ impl Blurred {
 
     /// Sums variances and weights over the window's columns.
     #[inline(always)]
-    fn add_columns(&mut self, sparse: bool) {
+    fn add_columns(&mut self, gaps: bool) {
         let width = self.variance.len();
-        if sparse {
+        if gaps {
             let [left, own, right] = columns(&self.weights, width);
             for (x, weight) in self.weight.iter_mut().enumerate() {
                 *weight = larger((left[x] + right[x]) + (own[x] + own[x]), 1.0);
@@ -193,7 +195,7 @@ impl Shrink<'_> {
             let [above, own, below] = [above[x], own[x], below[x]].map(or_zero);
             *inner = (before * above + after * below) + here * own;
         }
-        if self.params.sparse {
+        if self.gaps {
             let weights = &mut blurred.weights;
             for (x, inner) in weights[1..][..width].iter_mut().enumerate() {
                 let [above, own, below] = [above[x], own[x], below[x]].map(known);
