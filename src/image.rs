@@ -6,7 +6,7 @@
 
 use std::fmt::{self, Display};
 use std::marker::PhantomData;
-use std::ops::Range;
+use std::ops::{Range, RangeInclusive};
 
 use crate::error::{Error, Result};
 pub use crate::memory::Value;
@@ -62,6 +62,27 @@ pub(crate) fn check_length(argument: &str, expected: usize, got: usize) -> Resul
     }
     let expected = format!("{expected} elements");
     Err(Error::value(argument, expected, got))
+}
+
+/// An error that names the first image of another size, or with another number of channels than one of a range.
+pub(crate) fn check_shapes<'a>(
+    size: Size,
+    images: impl IntoIterator<Item = (&'a str, Size, usize, RangeInclusive<usize>)>,
+) -> Result<()> {
+    for (name, own, channels, wanted) in images {
+        if own != size {
+            return Err(Error::value(name, size, own));
+        }
+        if !wanted.contains(&channels) {
+            let expected = match (*wanted.start(), *wanted.end()) {
+                (1, _) => "1 channel".into(),
+                (few, most) if few == most => format!("{few} channels"),
+                (few, most) => format!("{few} or {most} channels"),
+            };
+            return Err(Error::value(name, expected, channels));
+        }
+    }
+    Ok(())
 }
 
 /// Checks data from outside the crate. Inside of it, lengths are only asserted.

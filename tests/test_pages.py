@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from yester.study import pages
 from yester.study.compare.doors import FULL
-from yester.study.rendered.sequences import LATE, NAMES
+from yester.study.rendered.sequences import FRESH, LATE, NAMES
 
 ROOT = Path(__file__).parents[1]
 METRICS = ("psnr", "relmse", "flip", "temporal_error")
@@ -44,6 +44,13 @@ def data(tmp_path):
     write_csv(
         folder / "accuracy.csv", [p | {"timed": "" if p["method"] == "noisy input" else "1280x720"} for p in points]
     )
+    between = "temporal OIDN high, both sides"
+    scores = [
+        {"scene": scene, "method": name, **values(psnr)}
+        for scene in FRESH
+        for name, psnr in ({**methods, between: 31}).items()
+    ]
+    write_csv(folder / "fresh.csv", scores)
     effects = []
     cases = [("grass", 1.0, 0.01), ("cut", -0.5, 0.01), ("mist", -0.5, 0.4), ("all", 0, "")]
     components = [("SVGF", "clip"), ("SVGF", "innovation"), ("TAA", "dilation")]

@@ -565,6 +565,9 @@ def test_a_first_frame_without_motion(tmp_path):
     assert done.set_aside == {"c": (f"{lacking}: {unmoved}; earlier frames have it",)}
     made = [tree(tmp_path / "out" / name) for name in "ab"]
     assert "data.zarr/full/denoised/c.2.0.0.0" in made[0]
+    about = [json.loads(files.pop("manifest.json")) for files in made]
+    assert about[0].pop("input_bytes") != about[1].pop("input_bytes")
+    assert about[0] == about[1]
     assert made[0] == made[1]
 
 
@@ -1204,6 +1207,46 @@ def test_a_lost_process_is_replaced(long, tmp_path):
     assert tree(out) == want
 
 
+@pytest.mark.parametrize("format", ["zarr", "exr"])
+def test_what_is_removed_while_it_is_written_is_not_whole(inputs, tmp_path, monkeypatch, format):
+    """As by a later run, whose predecessor's workers go on: what they write after that lacks the first frames."""
+    out = tmp_path / "out"
+    prepare(inputs, tmp_path / "whole", format=format, jobs=1)
+    writer = run._WRITERS[format]
+    writes = writer.write
+
+    def write_and_clear(self, index, *given):
+        if index == 1:
+            run._clear(out)
+        writes(self, index, *given)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(writer, "write", write_and_clear)
+        with pytest.raises(OSError, match=r"was removed while it was written|No such file"):
+            prepare(inputs, out, format=format, jobs=1)
+    assert not (out / "one").exists()
+    assert prepare(inputs, out, format=format, resume=True, jobs=1).frames == 5
+    assert tree(out) == tree(tmp_path / "whole")
+
+
+def test_files_of_another_size_are_prepared_again(inputs, tmp_path):
+    """Here of one that is cut off, which is then found to be damaged."""
+    out, frame = tmp_path / "out", inputs / "one" / "frame_0001.exr"
+    assert prepare(inputs, out, jobs=1).sequences == ("one", "set/two")
+    frame.write_bytes(frame.read_bytes()[:900])
+    done = prepare(inputs, out, resume=True, jobs=1)
+    assert done.sequences == ("set/two",)
+    assert "frame_0001.exr" in done.set_aside["one"][0]
+
+
+def test_the_manifests_name_is_taken(inputs, tmp_path):
+    (inputs / "one").rename(inputs / "manifest.json")
+    done = prepare(inputs, tmp_path / "out", jobs=1)
+    assert done.sequences == ("set/two",)
+    (said,) = done.set_aside["manifest.json"]
+    assert said == f"{inputs / 'manifest.json'}: has the name of the set's manifest.json: to be renamed"
+
+
 def test_an_error_in_a_process_ends_the_run(monkeypatch):
     """The threads that wait for a process get it all the same."""
 
@@ -1332,3 +1375,4 @@ def test_no_scheduler(inputs, tmp_path, monkeypatch):
     monkeypatch.setattr(run, "_PATIENCE", 1)
     with pytest.raises(OSError, match=r"tcp://127\.0\.0\.1:9: no Dask scheduler can be reached"):
         prepare(inputs, tmp_path / "out", scheduler="tcp://127.0.0.1:9")
+    assert prepare(inputs, tmp_path / "out", jobs=1).frames == 5, "the folder is as free as before"

@@ -14,7 +14,7 @@ pub use self::output::{
     Extras, History, HistoryMut, Output, Report, Results, blacken_missing, show,
 };
 use crate::error::{Error, Result};
-use crate::image::{Interleaved, Pixels, Size};
+use crate::image::{Interleaved, Pixels, Size, check_shapes};
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::fetch::validate::Surface;
 use crate::memory::Scratch;
@@ -117,19 +117,7 @@ impl<'a> Frame<'a> {
             Some((name, buffer.size, buffer.channels, wanted))
         });
         let ids = ids.map(|ids| ("ids", ids.size, ids.channels, 1..=1));
-        for (name, own, channels, wanted) in buffers.chain(ids) {
-            if own != size {
-                return Err(Error::value(name, size, own));
-            }
-            if !wanted.contains(&channels) {
-                let expected = match (*wanted.start(), *wanted.end()) {
-                    (1, _) => "1 channel".into(),
-                    (few, most) if few == most => format!("{few} channels"),
-                    (few, most) => format!("{few} or {most} channels"),
-                };
-                return Err(Error::value(name, expected, channels));
-            }
-        }
+        check_shapes(size, buffers.chain(ids))?;
         if let Some(camera) = self.camera.filter(|camera| camera.size != size) {
             return Err(Error::value("camera", size, camera.size));
         }

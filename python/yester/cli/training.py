@@ -26,7 +26,8 @@ def add_prepare(command: Command) -> None:
     parser.add_argument("--crops", metavar="N", type=count, default=1, help="windows per sequence; %(default)s")
     parser.add_argument("--seed", metavar="N", type=int, default=0, help="of the windows' places; %(default)s")
     parser.add_argument("--half", action="store_true", help="store colours, normals and validity as float16")
-    parser.add_argument("--format", choices=("zarr", "exr"), default="zarr", help="%(default)s")
+    about = "a Zarr store for each sequence, or EXR files; %(default)s"
+    parser.add_argument("--format", choices=("zarr", "exr"), default="zarr", help=about)
     about = "folder with the same EXR files without noise, for reference"
     parser.add_argument("--references", metavar="DIR", type=filename, help=about)
     parser.add_argument("--jobs", metavar="N", type=count, help="processes; by default, one per core")

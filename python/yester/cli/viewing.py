@@ -50,8 +50,7 @@ def _picture(options: argparse.Namespace) -> int:
     targets = [options.output] if film else targets_of(paths, options.output, ".png", *FILMS)
     keep_inputs(targets, paths)
     spare(targets, overwrite=options.overwrite)
-    if film:
-        check_rate(options.fps)
+    check_rate(options.fps)
     files: list[Description] = []
     for path in paths if film else ():
         with suppress(OSError, ValueError):  # named when the file is left out

@@ -16,7 +16,7 @@ import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import closing, contextmanager, suppress
+from contextlib import closing, contextmanager, nullcontext, suppress
 from dataclasses import asdict, dataclass, field, replace
 from importlib import metadata
 from pathlib import Path, PurePosixPath
@@ -32,7 +32,7 @@ from ..io.files import beside, in_use
 from ..io.mapping import Mapped, load
 from ..messages import few
 from .buffers import CHANNELS, DERIVED, derive, halve, needs
-from .sources import Damaged, Known, Source, find_sequences
+from .sources import MANIFEST, Damaged, Known, Source, find_sequences
 from .store import EXRFiles, Writer, ZarrStore, checksums, clipped, stored
 
 __all__ = ["Parameters", "Prepared", "prepare"]
@@ -42,7 +42,8 @@ _WRITERS: dict[str, type[Writer]] = {"zarr": ZarrStore, "exr": EXRFiles}
 _ATTEMPTS = 3
 #: Seconds to wait for a scheduler.
 _PATIENCE = 10
-_MANIFEST = "manifest.json"
+#: In a folder until all is written. One that was removed meanwhile, and made again by a writer, lacks it.
+_BEGUN = ".begun"
 #: What a file takes at least, in bytes.
 _BLOCK = 4096
 #: What runs that were killed leave in a set's folder: sequences and manifests that are half-written.
@@ -151,6 +152,7 @@ class _Task:
             "height": self.known.height,
             "width": self.known.width,
             "inputs": [path.name for path in self.source.files],
+            "input_bytes": [path.stat().st_size for path in self.source.files],
             "references": [path.name for path in self.source.references],
         }
 
@@ -376,21 +378,22 @@ def _finish(
     done = {task.source.name: task.known.frames for task in tasks if _finished(task)}
     waiting = [task for task in tasks if task.source.name not in done]
     _space(folder, sum(task.parameters.bytes(task.known) for task in waiting))
-    # Written after all that can be refused, as a later run is held to these parameters.
-    _sum_up(folder, about, done, aside, complete=False)
-    try:
-        with closing(_run(waiting, jobs, scheduler, done=sum(done.values()))) as results:
-            for result in results:
-                if result.failed:
-                    raise OSError(*result.failed)
-                if result.damaged:
-                    aside[result.name] = result.damaged
-                else:
-                    done[result.name] = result.frames
-                    for message in result.warned:
-                        warnings.warn(f"{result.name}: {message}", stacklevel=3)
-    finally:
-        _clear(folder)
+    with _connected(scheduler) if scheduler and waiting else nullcontext() as client:
+        # Written after all that can be refused, as a later run is held to these parameters.
+        _sum_up(folder, about, done, aside, complete=False)
+        try:
+            with closing(_run(waiting, jobs, client, done=sum(done.values()))) as results:
+                for result in results:
+                    if result.failed:
+                        raise OSError(*result.failed)
+                    if result.damaged:
+                        aside[result.name] = result.damaged
+                    else:
+                        done[result.name] = result.frames
+                        for message in result.warned:
+                            warnings.warn(f"{result.name}: {message}", stacklevel=3)
+        finally:
+            _clear(folder)
     return done
 
 
@@ -450,10 +453,10 @@ def _earlier(folder: Path, resume: bool) -> dict[str, dict[str, Any]]:
                 errno.EEXIST, "exists already and is not empty; --resume goes on with it", str(folder)
             )
         return {}
-    path = folder / _MANIFEST
+    path = folder / MANIFEST
     if not path.exists():
         if _occupied(folder):
-            raise ValueError(f"{folder}: nothing to resume: it has no {_MANIFEST}, but other files")
+            raise ValueError(f"{folder}: nothing to resume: it has no {MANIFEST}, but other files")
         return {}
     try:
         former = json.loads(path.read_text("utf-8"))
@@ -467,7 +470,7 @@ def _agree(folder: Path, former: dict[str, dict[str, Any]], about: dict[str, dic
     for kind, values in former.items():
         for name, value in about[kind].items():
             if (got := values.get(name)) != value:
-                where = folder / _MANIFEST
+                where = folder / MANIFEST
                 raise ValueError(f"{where}: expected the same {kind} to resume, got {name} {got}, now {value}")
 
 
@@ -511,7 +514,7 @@ def _held(folder: Path) -> Iterator[None]:
 def _others(folder: Path, known: set[str]) -> Iterator[str]:
     """The sequences that a folder has besides the known ones."""
     for where, inner, names in os.walk(folder):
-        if where != str(folder) and _MANIFEST in names:
+        if where != str(folder) and MANIFEST in names:
             # Arrays have many files, and no sequences.
             inner.clear()
             name = Path(where).relative_to(folder).as_posix()
@@ -525,13 +528,13 @@ def _sum_up(
     """Write the manifest of a set that has these sequences."""
     sequences = {}
     for name in names:
-        path = folder / name / _MANIFEST
+        path = folder / name / MANIFEST
         known = json.loads(path.read_text("utf-8"))
         sequences[name] = {key: known[key] for key in ("frames", "height", "width")}
         sequences[name]["manifest_sha256"] = hashlib.sha256(path.read_bytes()).hexdigest()
     # Where inputs lie is no business of the set's: names are enough, and paths would differ from disk to disk.
     _write(
-        folder / _MANIFEST,
+        folder / MANIFEST,
         {**about, "complete": complete, "sequences": sequences, "set_aside": dict(sorted(aside.items()))},
     )
 
@@ -545,7 +548,7 @@ def _write(path: Path, content: dict[str, Any]) -> None:
 def _finished(task: _Task) -> bool:
     """Whether a sequence is there, made of these inputs, and none of its files is absent or empty."""
     try:
-        known = json.loads((task.target / _MANIFEST).read_text("utf-8"))
+        known = json.loads((task.target / MANIFEST).read_text("utf-8"))
         return task.inputs().items() <= known.items() and all(
             (task.target / path).stat().st_size for path in known["sha256"]
         )
@@ -573,9 +576,10 @@ def _work(task: _Task, told: Callable[[], object] = lambda: None) -> _Done:
         if found := _in_the_way(task):
             raise Damaged(f"{few(found)}: of an earlier run, and in the way of {name}: to be removed first")
         temporary.mkdir()
+        (temporary / _BEGUN).touch()
         warned = _fill(task, temporary, told)
         target.parent.mkdir(parents=True, exist_ok=True)
-        if (target / _MANIFEST).is_file() and not _finished(task):
+        if (target / MANIFEST).is_file() and not _finished(task):
             # Made of other inputs, or damaged. Whenever the process is killed, no half of it stays there.
             with suppress(FileNotFoundError):  # by a worker that had been given up
                 target.rename(former)
@@ -602,7 +606,7 @@ def _work(task: _Task, told: Callable[[], object] = lambda: None) -> _Done:
 def _in_the_way(task: _Task) -> list[Path]:
     """Sequences of earlier runs whose folders have this one's in them, or lie in it."""
     above = (task.folder / folder for folder in PurePosixPath(task.source.name).parents if folder.name)
-    found = [folder for folder in above if (folder / _MANIFEST).is_file()]
+    found = [folder for folder in above if (folder / MANIFEST).is_file()]
     return found or [task.target / name for name in _others(task.target, set())]
 
 
@@ -616,7 +620,12 @@ def _clear(folder: Path, name: str | None = None) -> None:
     half = _HALF if name is None else re.compile(rf"\.{_key(name)}\.[0-9a-f]{{32}}\.tmp")
     for item in [item for item in folder.iterdir() if half.fullmatch(item.name)]:
         if item.is_dir():
-            shutil.rmtree(item, ignore_errors=True)
+            # All at once, as a worker of another machine may still write into it.
+            gone = item.with_name(f"{item.name.rsplit('.', 2)[0]}.{uuid4().hex}.tmp")
+            with suppress(OSError):
+                item.rename(gone)
+            for each in (gone, item):
+                shutil.rmtree(each, ignore_errors=True)
         else:
             item.unlink(missing_ok=True)
 
@@ -666,8 +675,12 @@ def _fill(task: _Task, folder: Path, told: Callable[[], object]) -> tuple[str, .
             told()
     if len(missing) < known.frames:
         raise Damaged(f"{source.files[0]}: expected {known.frames} frames, got {len(missing)}")
+    try:
+        (folder / _BEGUN).unlink()
+    except FileNotFoundError:
+        raise OSError(errno.ENOENT, "was removed while it was written", str(folder)) from None
     _write(
-        folder / _MANIFEST,
+        folder / MANIFEST,
         {
             **task.inputs(),
             "missing_pixels": missing,
@@ -682,7 +695,7 @@ def _fill(task: _Task, folder: Path, told: Callable[[], object]) -> tuple[str, .
 # Many sequences
 
 
-def _run(tasks: list[_Task], jobs: int | None, scheduler: str | None, *, done: int) -> Generator[_Done, None, None]:
+def _run(tasks: list[_Task], jobs: int | None, client: Any, *, done: int) -> Generator[_Done, None, None]:
     """Run the tasks, and show progress in frames."""
     from tqdm import tqdm
 
@@ -692,12 +705,12 @@ def _run(tasks: list[_Task], jobs: int | None, scheduler: str | None, *, done: i
     with tqdm(desc="prepare", total=total, initial=done, unit="frame", disable=None) as progress:
         if not tasks:
             return
-        if scheduler is None and jobs == 1:
+        if client is None and jobs == 1:
             for task in tasks:
                 yield _work(task, progress.update)
             return
         frames = {task.source.name: task.known.frames for task in tasks}
-        results = _on_cluster(tasks, scheduler) if scheduler else _in_processes(tasks, jobs, cores)
+        results = _on_cluster(tasks, client) if client else _in_processes(tasks, jobs, cores)
         with closing(results):
             for result in results:
                 progress.update(frames[result.name])
@@ -767,35 +780,38 @@ def _start(threads: int) -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
-def _on_cluster(tasks: list[_Task], address: str) -> Generator[_Done, None, None]:
+def _connected(address: str) -> Any:
+    """A client of a Dask scheduler."""
     try:
         from distributed import Client
-        from distributed import as_completed as completed
-        from distributed.scheduler import KilledWorker
     except ImportError as error:
         raise ImportError("a scheduler needs dask and distributed: pip install 'yester[data]'") from error
     try:
-        client = Client(address, timeout=_PATIENCE, set_as_default=False)
+        return Client(address, timeout=_PATIENCE, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:
         raise OSError(f"{address}: no Dask scheduler can be reached: {error}") from None
-    with client:
-        run = uuid4().hex
-        # Workers that vanish are seen to by the scheduler; only tasks are told apart here.
-        futures = {
-            client.submit(
-                _work, task, key=f"prepare-{_key(task.source.name)}-{run}", pure=False, retries=_ATTEMPTS - 1
-            ): task
-            for task in tasks
-        }
-        for future in completed(futures, loop=client.loop):
-            task = futures[future]
-            try:
-                result = future.result()
-            except KilledWorker:
-                result = _lost(task.source.name)
-            if not result.damaged and not result.failed and not _finished(task):
-                raise OSError(
-                    f"{task.target}: not here, though a worker wrote it: the workers and this machine must share the "
-                    "folder"
-                )
-            yield result
+
+
+def _on_cluster(tasks: list[_Task], client: Any) -> Generator[_Done, None, None]:
+    from distributed import as_completed as completed
+    from distributed.scheduler import KilledWorker
+
+    run = uuid4().hex
+    # Workers that vanish are seen to by the scheduler; only tasks are told apart here.
+    futures = {
+        client.submit(
+            _work, task, key=f"prepare-{_key(task.source.name)}-{run}", pure=False, retries=_ATTEMPTS - 1
+        ): task
+        for task in tasks
+    }
+    for future in completed(futures, loop=client.loop):
+        task = futures[future]
+        try:
+            result = future.result()
+        except KilledWorker:
+            result = _lost(task.source.name)
+        if not result.damaged and not result.failed and not _finished(task):
+            raise OSError(
+                f"{task.target}: not here, though a worker wrote it: the workers and this machine must share the folder"
+            )
+        yield result

@@ -22,7 +22,10 @@ from ..io.shots import breaks, by_shots, natural
 from ..messages import few, told
 from .buffers import MOVING, needs
 
-__all__ = ["Damaged", "Known", "Source", "find_sequences"]
+__all__ = ["MANIFEST", "Damaged", "Known", "Source", "find_sequences"]
+
+#: The file that says what a set or a sequence has.
+MANIFEST = "manifest.json"
 
 Read = tuple[Frame, NDArray[np.float32] | None]
 
@@ -288,6 +291,9 @@ def find_sequences(
     seen: dict[str, Source] = {}
     for source in found:
         name = source.name
+        if PurePosixPath(name).parts[0] == MANIFEST:
+            aside[name] = [f"{source.files[0].parent}: has the name of the set's {MANIFEST}: to be renamed"]
+            continue
         while name in above or (source.part > 1 and (name in folders or name in seen)):
             name += "-1"
         if name in seen:

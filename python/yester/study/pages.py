@@ -27,12 +27,14 @@ from .compare import harm
 from .compare.ablation import Effect
 from .compare.doors import DOORS, FULL
 from .compare.points import ALL
-from .rendered.sequences import GROUPS, LATE, NAMES, THIN
+from .rendered.sequences import FRESH, GROUPS, LATE, NAMES
 
 __all__ = ["RUNS", "TABLES", "Source", "main", "measure", "write"]
 
 #: The frames on which accuracy is measured: small, so that all sequences take minutes; three realisations of the noise.
-_FRAMES = "--sequences all late-held-out --size 128x96 --length 12 --reference-spp 256 --seeds 3"
+_SIZE = "--size 128x96 --length 12 --reference-spp 256 --seeds 3"
+_FRAMES = f"--sequences all late-held-out {_SIZE}"
+_METRICS = "--metrics psnr relmse flip temporal_error"
 
 
 class Source(NamedTuple):
@@ -52,7 +54,8 @@ class Source(NamedTuple):
 
 #: By name of the file in the folder of measurements, without its suffix.
 RUNS = {
-    "accuracy": Source(f"yester chart {_FRAMES} --metrics psnr relmse flip temporal_error", "points.csv"),
+    "accuracy": Source(f"yester chart {_FRAMES} {_METRICS}", "points.csv"),
+    "fresh": Source(f"yester chart --sequences fresh-held-out {_SIZE} {_METRICS}", "points.csv"),
     "ablation": Source(f"yester chart --ablate {_FRAMES}", "ablation.csv"),
     "ablation_with_less": Source(f"yester chart --ablate --doors 'motion alone' {_FRAMES}", "ablation.csv"),
     "doors": Source(f"yester chart --doors {_FRAMES}", "doors.csv"),
@@ -145,20 +148,33 @@ def groups(folder: Path) -> str:
     """Means over each group of sequences."""
     rows = []
     for group, scenes in GROUPS.items():
-        if group != ALL and scenes != THIN:
+        if group != ALL and {*scenes} <= {*NAMES, *LATE}:
             for label in ("SVGF, both sides", "SVGF", "OIDN high"):
                 rows.append(
-                    [f"`{group}`" if label == "SVGF, both sides" else "", label, *_means(folder, label, scenes)]
+                    [
+                        f"`{group}`" if label == "SVGF, both sides" else "",
+                        label,
+                        *_means(folder / "accuracy.csv", label, scenes),
+                    ]
                 )
     return _table(["sequences", "", *_LABELS.values()], rows)
 
 
 def sequences(folder: Path) -> str:
     """Every sequence: PSNR, relMSE, FLIP and temporal error of three methods."""
-    names = ("SVGF, both sides", "SVGF", "OIDN high")
+    return _each(folder / "accuracy.csv", (*NAMES, *LATE), ("SVGF, both sides", "SVGF", "OIDN high"))
+
+
+def fresh(folder: Path) -> str:
+    """The same of the sequences made last, with Open Image Denoise between temporal stages beside."""
+    names = ("SVGF, both sides", "SVGF", "OIDN high", "temporal OIDN high, both sides")
+    return _each(folder / "fresh.csv", FRESH, names)
+
+
+def _each(file: Path, scenes: Iterable[str], names: Sequence[str]) -> str:
     rows = []
-    for scene in (*NAMES, *LATE):
-        cells = [_means(folder, name, [scene]) for name in names]
+    for scene in scenes:
+        cells = [_means(file, name, [scene]) for name in names]
         best = [_BETTER[key](row[i] for row in cells) for i, key in enumerate(_LABELS)]
         marked = [[f"**{c}**" if c == b else c for c, b in zip(row, best, strict=True)] for row in cells]
         rows.append([f"`{scene}`", *(" / ".join(row) for row in marked)])
@@ -394,7 +410,7 @@ TABLES: dict[str, Callable[[Path], str]] = {
     **{
         table.__name__: table
         for table in (
-            *(methods, variants, groups, sequences, ablation, antialiasing, innovation, harms, harms_with_less),
+            *(methods, variants, groups, sequences, fresh, ablation, antialiasing, innovation, harms, harms_with_less),
             *(doors, methods_through_doors, harmful_buffers, harmful_by_method),
             *(stress, families, failures, speed, pipelines, kernels, machine),
         )
@@ -514,8 +530,8 @@ def _rows(path: Path) -> list[Row]:
         return list(csv.DictReader(file))
 
 
-def _means(folder: Path, method: str, scenes: Sequence[str]) -> list[str]:
-    rows = [row for row in _rows(folder / "accuracy.csv") if row["method"] == method and row["scene"] in scenes]
+def _means(file: Path, method: str, scenes: Sequence[str]) -> list[str]:
+    rows = [row for row in _rows(file) if row["method"] == method and row["scene"] in scenes]
     return [_value(key, float(np.mean([float(row[key]) for row in rows]))) for key in _LABELS]
 
 

@@ -5,7 +5,9 @@ use std::ops::Range;
 
 use super::Pipeline;
 use crate::error::{Error, Result};
-use crate::image::{BandMut, Pixels, Run, SEGMENT, Size, View, check_length, plane_bands};
+use crate::image::{
+    BandMut, Pixels, Run, SEGMENT, Size, View, check_length, check_shapes, plane_bands,
+};
 use crate::kernels::merge::accumulate::{CHANNELS, load_history};
 use crate::pixels::Row;
 use crate::rows::{self, BAND, Kernel, Simd};
@@ -157,26 +159,15 @@ pub struct History<'a> {
 impl History<'_> {
     pub(in crate::pipelines) fn check(&self, size: Size) -> Result<()> {
         let images = [
-            ("color", self.color, 3),
-            ("moments", self.moments, 2),
-            ("length", self.length, 1),
-            ("confidence", self.confidence.into(), 1),
+            ("color", self.color, 3..=3),
+            ("moments", self.moments, 2..=2),
+            ("length", self.length, 1..=1),
+            ("confidence", self.confidence.into(), 1..=1),
         ];
         let shapes = images.map(|(name, image, wanted)| (name, image.size, image.channels, wanted));
-        let (rejection, channels) = (self.rejection.size, self.rejection.channels);
-        for (name, own, channels, wanted) in
-            shapes
-                .into_iter()
-                .chain([("rejection", rejection, channels, 1)])
-        {
-            if own != size {
-                return Err(Error::value(name, size, own));
-            }
-            if channels != wanted {
-                return Err(Error::value(name, format!("{wanted} channels"), channels));
-            }
-        }
-        Ok(())
+        let (own, channels) = (self.rejection.size, self.rejection.channels);
+        let rejection = ("rejection", own, channels, 1..=1);
+        check_shapes(size, shapes.into_iter().chain([rejection]))
     }
 
     /// Loads a run of colour, moments and length.
