@@ -1370,8 +1370,8 @@ class Upscaler:
         reacts = np.zeros(large, np.float32) if frame.reactive is None else np.nan_to_num(enlarge(frame.reactive))
         confidence = coverage * (one - hidden) * (one - np.clip(reacts, 0, 1))
         haste = yester.blend_factor(np.ones_like(samples), moved, alpha=0.0, fast_alpha=1.0, speed=self.speed)
-        same, same_around = (one - np.minimum(self.change * found, one) for found in (change, around))
-        lock = lock * same_around
+        same = one - np.minimum(self.change * change, one)
+        lock = lock * (one - np.clip(self.change * around - one, 0, 1))
         hold = np.maximum(same * (one - haste), lock)
         held = yester.blend(history, clipped, hold)
         share = yester.blend_factor(confidence, moved, **self.pace)

@@ -90,7 +90,7 @@ class Upscaler:
 
         confidence = coverage * (1 - hidden) * (1 - reacts)  # (h, w)
         haste = blend_factor(torch.ones_like(samples), moved, alpha=0.0, fast_alpha=1.0, speed=self.speed)  # (h, w)
-        lock = lock * (1 - (4 * around).clamp(max=1))  # (h, w)
+        lock = lock * (1 - (4 * around - 1).clamp(0, 1))  # (h, w)
         hold = ((1 - (4 * change).clamp(max=1)) * (1 - haste)).maximum(lock)  # (h, w)
         held = blend(history, clipped, hold)  # (h, w, 3)
         new = weight.where(color.isfinite().all(-1), 0)  # (h, w)

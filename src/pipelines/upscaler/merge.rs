@@ -3,7 +3,7 @@
 //! With c the reprojection's coverage, o the disocclusion, r the reactive mask and |m| the motion, history is trusted by
 //!   t = c (1 − o) (1 − r),
 //! and held, which is to say not clipped, by
-//!   h = max((1 − min(4 λ, 1)) (1 − haste(|m|)), l),  l = lock · (1 − min(4 Λ, 1)),
+//!   h = max((1 − min(4 λ, 1)) (1 − haste(|m|)), l),  l = lock · (1 − clamp(4 Λ − 1, 0, 1)),
 //! λ being the temporal gradient and haste 0 where all stands still, 1 from fast motion on. A lock is set to 1 by a thin
 //! feature near a sample, follows the history, and opens over its lifetime L, or as the light changes all around, by Λ:
 //!   lock ← max(l t − 1/L, thin · min(w, 1)),
@@ -170,9 +170,9 @@ impl Merge<'_> {
         factors.shares(&trust[..run.len], Some(motion), factor);
         for i in 0..run.len {
             let at = self.grids.nearest(run.x + i, run.y);
-            let [same, same_around] =
-                [change, around].map(|change| 1.0 - (CHANGE * change[at]).min(1.0));
-            let locked = locks[i] * same_around;
+            let same = 1.0 - (CHANGE * change[at]).min(1.0);
+            // Samples that miss a bright line change what is around it, too, but by less.
+            let locked = locks[i] * (1.0 - saturate(CHANGE * around[at] - 1.0));
             let kept = locked * trust[i] - 1.0 / self.params.lifetime;
             lock[i] = kept.max(thin[at] * weights[i].min(1.0));
             hold[i] = (same * (1.0 - hastes[i])).max(locked);
