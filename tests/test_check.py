@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import yester
 from yester import cli
-from yester.check.findings import judged
+from yester.conventions.findings import judged
 from yester.io import write_sequence
 from yester.study.compare import mistakes
 from yester.study.compare.mistakes import MISTAKES, findings, sequence

@@ -250,17 +250,19 @@ def test_groups(tmp_path):
     """Each group of sequences has a name."""
     line = refused("chart", "--sequences", "unkind", "-o", tmp_path / "out")
     assert all(
-        f"{group}," in line for group in ("tuning", "unkind-tuning", "unkind-held-out", "late-held-out", "thin", "all")
+        f"{group}," in line
+        for group in ("tuning", "unkind-tuning", "unkind-held-out", "late-held-out", "fresh-held-out", "thin", "all")
     )
-    assert all(name in line for name in GROUPS["all"] + GROUPS["late-held-out"])
-    options = argparse.Namespace(frames=[], sequences=["unkind-tuning", "cut", "grass"], cache=None)
+    assert all(name in line for group in GROUPS.values() for name in group)
+    some = [group[0] for group in GROUPS.values()]
+    options = argparse.Namespace(frames=[], sequences=["unkind-tuning", "cut", "grass", *some], cache=None)
     vars(options).update(size=(8, 6), length=1, reference_spp=1, seeds=1, doors=None, map=None, view=None)
     asked = []
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("yester.study.rendered.recording.record", lambda name, *_, **__: asked.append(name))
         for make in cli.studies._recordings(options).values():
             make()
-    assert asked == [*GROUPS["unkind-tuning"], "cut"]
+    assert asked == [*dict.fromkeys([*GROUPS["unkind-tuning"], "cut", *some])]
 
 
 @pytest.mark.parametrize(

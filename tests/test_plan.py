@@ -465,6 +465,8 @@ def test_shots(moving, still):
     assert lengths(broken) == [8]
     alone = [yester.Frame(one.color) for one in (*moving, *other)]
     assert lengths(alone) == [16]
+    away = [yester.Frame(one.color, motion=np.full((*one.shape, 2), 200.0 * (i == 3))) for i, one in enumerate(moving)]
+    assert lengths(away) == [8], "nothing tells that these pixels show other surfaces than before"
     shots = yester.split_at_cuts([*moving, *other])
     first, second = next(shots), next(shots)
     assert [*first] == []

@@ -70,7 +70,7 @@ from ._core import (
     thin_features,
     virtual_motion,
 )
-from .check import Finding, check, check_motion
+from .conventions import Finding, check, check_motion
 from .frame import Frame
 from .oidn import OIDN
 from .plan import Plan, Planned, Stage, plan, split_at_cuts

@@ -1472,9 +1472,10 @@ class Upscaler(Pipeline):
     `dilate_motion`, `disocclusion`, `reproject` with "catmull-rom-5" and without tests, `suppress_fireflies`,
     `thin_features`, `resample` (colour by "lanczos-2", all else by "nearest"), `temporal_gradient` between the new
     samples and the history at their places, `clip_history`, `blend_factor`, `blend` and `sharpen`. A new frame of
-    weight w is blended into a history of N samples per pixel with w/(N + w). Clipping is undone in static pixels and
-    where a thin feature is locked, unless the gradient detects a change of light. `Output.history_length` counts
-    samples per output pixel.
+    weight w is blended into a history of N samples per pixel with w/(N + w). Clipping is undone in static pixels,
+    unless the light changes in a cell of 2×2 samples (``passes=1``), and where a thin feature is locked, unless more
+    than a quarter of the light changes around it (``passes=3``). `Output.history_length` counts samples per output
+    pixel.
 
     References
     ----------

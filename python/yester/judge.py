@@ -220,9 +220,11 @@ def surface_tests(
 
 
 def found_again(before: Frame, frame: Frame) -> float:
-    """The share of pixels whose surface the frame before shows, too, as far as the buffers tell."""
+    """The share of pixels whose surface the frame before shows, too; 1 if no buffers tell surfaces apart."""
     motion = _fetched_along(before, frame)
     tests = surface_tests(before, frame, motion)
+    if not any(tests.get(name) is not None for name in ("depth", "normal", "ids")):
+        return 1.0
     _, coverage = reproject([np.zeros(frame.shape, np.float32)], motion, filter="nearest", fallback=False, **tests)
     return float((coverage > _WHOLE).mean())
 

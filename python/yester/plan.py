@@ -428,7 +428,8 @@ def split_at_cuts(frames: Iterable[Frame]) -> Iterator[Iterator[Frame]]:
     Pixels are found again if depth, normals and ids, those that there are, agree with those at the other end of the
     motion, as `reproject` tests them. A cut is where less than a quarter as many are found as in the frame before, if
     those were at least a tenth of all. Two shots of places that look alike may stay together; so do frames without
-    these buffers, and those without motion whose cameras and depth or position are not known either.
+    these buffers. Without motion, and cameras with depth or position, pixels are looked for where they are. A shot has
+    at least two frames.
 
     A cut to another view of the same place may find more than that, and then is none: its history is of use.
 

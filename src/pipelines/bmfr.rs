@@ -10,7 +10,6 @@
 mod fit;
 
 use std::fmt;
-
 use std::ops::Range;
 
 use self::fit::{LEAST, accumulate_fits, by_light, fit, restored, without_emitters};

@@ -252,8 +252,30 @@ pub trait Steps: Sized {
     }
 }
 
-/// A method that works on a sequence frame by frame. Those of this crate have it; it cannot be implemented outside.
-pub trait Pipeline {
+mod sealed {
+    /// Out of reach for other crates.
+    pub trait Sealed {}
+
+    impl<P: super::Steps> Sealed for P {}
+}
+
+/// A method that works on a sequence frame by frame. Those of this crate have it; it cannot be implemented outside:
+///
+/// ```compile_fail,E0277
+/// use yester::Size;
+/// use yester::error::Result;
+/// use yester::pipelines::{Extras, Frame, Mistake, Output, Pipeline, Summary};
+///
+/// struct Unchecked;
+///
+/// impl Pipeline for Unchecked {
+///     fn output_size(&self, size: Size) -> Size { size }
+///     fn extras(&self) -> Extras { Extras::default() }
+///     fn reset(&mut self) {}
+///     fn step(&mut self, _: &Frame, _: Output) -> Result<(Summary, Option<Mistake>)> { todo!() }
+/// }
+/// ```
+pub trait Pipeline: sealed::Sealed {
     /// The size of the results for frames of this size.
     fn output_size(&self, size: Size) -> Size;
 

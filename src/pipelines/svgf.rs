@@ -151,7 +151,7 @@ impl Steps for Svgf {
 }
 
 impl Svgf {
-    /// As [`Pipeline::step`], with the history that later frames have of the frame's pixels: a pipeline that runs backwards
+    /// As [`Pipeline::step`](super::Pipeline::step), with the history that later frames have of the frame's pixels: a pipeline that runs backwards
     /// [recalls](Self::recall) it. The two join before the filter, by their lengths.
     ///
     /// # Errors
@@ -173,7 +173,7 @@ impl Svgf {
     /// shortened where the light has changed. The frame's own sample is not in it.
     ///
     /// # Errors
-    /// As [`Pipeline::step`].
+    /// As [`Pipeline::step`](super::Pipeline::step).
     pub fn recall(
         &mut self,
         frame: &Frame,

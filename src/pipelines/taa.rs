@@ -15,7 +15,6 @@ mod params;
 mod sweep;
 
 use std::fmt;
-
 use std::ops::Range;
 
 use self::mix::{Seen, mix};
@@ -401,7 +400,7 @@ pub struct Source<'a> {
 }
 
 impl Taa {
-    /// As [`Pipeline::step`], for a frame whose colour is denoised: with [`Params::innovation`], the samples that it was made
+    /// As [`Pipeline::step`](super::Pipeline::step), for a frame whose colour is denoised: with [`Params::innovation`], the samples that it was made
     /// of correct the result and the history. History that has to be clipped where the denoiser had none is shortened.
     ///
     /// # Errors

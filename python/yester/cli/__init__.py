@@ -1,4 +1,7 @@
-"""The command line: parses arguments, calls the library and reports."""
+"""The command line: parses arguments, calls the library and reports.
+
+Each command imports its slow dependencies itself, so that the others start quickly.
+"""
 
 from __future__ import annotations
 

@@ -204,9 +204,9 @@ def _recordings(options: argparse.Namespace) -> dict[str, Callable[[], Any]]:
             raise ValueError(f"{where}; expected consecutive frames of one shot")
         return {found.name: lambda: found}
     need("study", "mitsuba")
-    from ..study.rendered.sequences import GROUPS, LATE, NAMES, THIN, expand
+    from ..study.rendered.sequences import GROUPS, KNOWN, expand
 
-    asked = _known("--sequences", options.sequences or ["all"], [*GROUPS, *NAMES, *LATE, *THIN])
+    asked = _known("--sequences", options.sequences or ["all"], [*GROUPS, *KNOWN])
     if options.cache:
         writable(options.cache)
     width, height = options.size or (256, 192)

@@ -154,6 +154,7 @@ class _Task:
             "inputs": [path.name for path in self.source.files],
             "input_bytes": [path.stat().st_size for path in self.source.files],
             "references": [path.name for path in self.source.references],
+            "reference_bytes": [path.stat().st_size for path in self.source.references],
         }
 
 
@@ -255,10 +256,10 @@ def prepare(
     Notes
     -----
     Every sequence is written beside its place and renamed when it is complete, with its ``manifest.json``: the SHA-256
-    of every file, the names of the inputs, the windows' places, the warnings. The one in `folder` has the parameters,
-    the versions, the sequences and those set aside; ``complete`` is false until a run has ended and set none aside.
-    Neither depends on the number of processes, on interruptions, or on time. A sequence is tried up to three times
-    where the process that works on it dies. All headers of a sequence are read before its pixels.
+    of every file, the names and sizes of the inputs, the windows' places, the warnings. The one in `folder` has the
+    parameters, the versions, the sequences and those set aside; ``complete`` is false until a run has ended and set
+    none aside. Neither depends on the number of processes, on interruptions, or on time. A sequence is tried up to
+    three times where the process that works on it dies. All headers of a sequence are read before its pixels.
     """
     folder = Path(folder)
     given = [Path(inputs)] if isinstance(inputs, str | os.PathLike) else [Path(path) for path in inputs]

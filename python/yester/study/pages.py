@@ -168,7 +168,7 @@ def sequences(folder: Path) -> str:
 def fresh(folder: Path) -> str:
     """The same of the sequences made last, with Open Image Denoise between temporal stages beside."""
     names = ("SVGF, both sides", "SVGF", "OIDN high", "temporal OIDN high, both sides")
-    return _each(folder / "fresh.csv", FRESH, names)
+    return _each(folder / "fresh.csv", (*FRESH, ALL), names)
 
 
 def _each(file: Path, scenes: Iterable[str], names: Sequence[str]) -> str:
@@ -177,7 +177,7 @@ def _each(file: Path, scenes: Iterable[str], names: Sequence[str]) -> str:
         cells = [_means(file, name, [scene]) for name in names]
         best = [_BETTER[key](row[i] for row in cells) for i, key in enumerate(_LABELS)]
         marked = [[f"**{c}**" if c == b else c for c, b in zip(row, best, strict=True)] for row in cells]
-        rows.append([f"`{scene}`", *(" / ".join(row) for row in marked)])
+        rows.append([f"`{scene}`" if scene != ALL else "mean", *(" / ".join(row) for row in marked)])
     return _table([" / ".join(_LABELS.values()), *names], rows)
 
 

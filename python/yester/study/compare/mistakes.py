@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yester import Camera, Frame, check, jitter
-from yester.check import Finding
+from yester.conventions import Finding
 
 from ..synthetic import raycast
 from ..synthetic.raycast import Box, Light, Rectangle, Scene, Sphere, Thing, checker, translate, turn, value_noise

@@ -38,8 +38,8 @@ __all__ = ["NAMES", "attic", "confetti", "handheld", "leaves", "pool", "spotligh
 #: Held out: these only tell what the tuning is worth.
 NAMES = ("handheld", "confetti", "television", "leaves", "pool", "spotlights", "attic")
 
-#: Frames for which the motion of a hand, and the cuts of a television, are laid out.
-_FRAMES = 23
+#: Steps between frames for which the motion of a hand, and the cuts of a television, are laid out.
+_STEPS = 23
 
 
 @builder
@@ -67,7 +67,7 @@ def handheld(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
     walk = np.cumsum(np.random.default_rng(8).standard_normal((400, 4)), 0) * [0.012, 0.012, 0.012, 0.25]
 
     def view(t: float) -> Camera:
-        step, part = divmod(t * _FRAMES, 1)
+        step, part = divmod(t * _STEPS, 1)
         before, after = walk[int(step)], walk[int(step) + 1]
         x, y, z, turn = before * (1 - part) + after * part
         roll = np.radians(3 * turn)
@@ -109,14 +109,14 @@ def television(frames: int = 24, width: int = 320, height: int = 240) -> Sequenc
     mi = mitsuba()
     floor = glaze_tiles([0.2, 0.14, 0.1], [0.3, 0.22, 0.16], 16, 0.15)
     scene = _room(floor, paint([0.5, 0.5, 0.52]), tiles([0.35, 0.3, 0.3], [0.5, 0.45, 0.42], 12), depth=5)
-    black = mi.Bitmap(np.full((32, 48, 3), 1.0, np.float32))
+    blank = mi.Bitmap(np.full((32, 48, 3), 1.0, np.float32))
     vase = lathe([[0.15, 0], [0.4, 0.3], [0.02, 0.5], [0.15, 0.7]], [1.0, -1, -1.2])
     scene |= {
         "screen": {
             "type": "rectangle",
             "to_world": _at([0.1, -0.05, -2.4]).scale([0.9, 0.6, 1]),
             "bsdf": paint([0.02, 0.02, 0.02]),
-            "emitter": {"type": "area", "radiance": {"type": "bitmap", "bitmap": black, "raw": True}},
+            "emitter": {"type": "area", "radiance": {"type": "bitmap", "bitmap": blank, "raw": True}},
         },
         "sofa": {
             "type": "cube",
@@ -133,7 +133,7 @@ def television(frames: int = 24, width: int = 320, height: int = 240) -> Sequenc
 
     def shown(t: float) -> NDArray[np.float32]:
         y, x = np.mgrid[:32, :48] / 32
-        rng = np.random.default_rng(int(t * _FRAMES) // 5)
+        rng = np.random.default_rng(int(t * _STEPS) // 5)
         colors = rng.uniform(0.1, 1, (3, 3)) * rng.uniform(2, 14)
         squares = [
             (x - rng.uniform(0, 1.5) - 0.5 * np.sin(4 * t)) ** 2 + (y - rng.uniform(0, 1)) ** 2 for _ in range(3)

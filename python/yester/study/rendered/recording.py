@@ -111,7 +111,7 @@ def record(
     Parameters
     ----------
     name : str
-        One of `sequences.NAMES`, `sequences.LATE` or `sequences.THIN`.
+        One of `sequences.KNOWN`.
     cache : path-like, optional
         A folder, created if missing. By default the environment variable ``YESTER_CACHE``, else the user's cache folder
         for yester (``~/.cache/yester`` on Linux). Frames are rendered anew for other versions of Mitsuba or of the

@@ -9,7 +9,7 @@ from pathlib import Path
 from . import fresh, held_out, scenes, thin, unkind, unseen
 from .build import BUILDERS, Make
 
-__all__ = ["FRESH", "GROUPS", "LATE", "NAMES", "THIN", "expand", "find", "parser"]
+__all__ = ["FRESH", "GROUPS", "KNOWN", "LATE", "NAMES", "THIN", "expand", "find", "parser"]
 
 #: The names of each group. Parameters may be tuned on the ``tuning`` groups; the ``held-out`` ones are for validation.
 GROUPS: dict[str, tuple[str, ...]] = {
@@ -23,19 +23,20 @@ GROUPS["all"] = NAMES
 #: Validation sequences outside ``all``: nothing was chosen or tuned by them.
 LATE = held_out.NAMES
 GROUPS["late-held-out"] = LATE
-#: Those made last, with which no version has been compared yet.
+#: Those made last: nothing was chosen or tuned by them.
 FRESH = fresh.NAMES
 GROUPS["fresh-held-out"] = FRESH
 #: Sequences outside ``all`` for what is thinner than a pixel.
 THIN = thin.NAMES
 GROUPS["thin"] = THIN
-_KNOWN = NAMES + LATE + FRESH + THIN
+#: All that there are.
+KNOWN = NAMES + LATE + FRESH + THIN
 
 
 def find(name: str) -> Make:
     """Find the constructor of a sequence; ValueError if the name is unknown."""
     if name not in BUILDERS:
-        raise ValueError(f"name: expected one of {', '.join(_KNOWN)}, got {name!r}")
+        raise ValueError(f"name: expected one of {', '.join(KNOWN)}, got {name!r}")
     return BUILDERS[name]
 
 
@@ -47,7 +48,7 @@ def expand(asked: Iterable[str]) -> list[str]:
 def parser(module: str, about: str | None, default: Sequence[str] = ("all",)) -> ArgumentParser:
     """Make a command's parser, with the options ``--sequences`` (for `expand`) and ``--cache`` (for `record`)."""
     result = ArgumentParser(prog=f"python -m {module}", description=about)
-    known = [*GROUPS, *_KNOWN]
+    known = [*GROUPS, *KNOWN]
     *several, last = [*GROUPS][[*GROUPS].index("all") + 1 :]
     others = f"{', '.join(several)} and {last}"
     groups = f"names, or {', '.join(GROUPS)}; by default {' '.join(default)}. all does not include {others}"

@@ -66,14 +66,14 @@ def possible_motions(width: int, height: int, *, timed: bool, grey: bool) -> Ite
     times = {"to the next frame": (-1, -1), "of the next frame": (-1, 0)} | (
         {"of the previous frame": (1, 0)} if timed else {}
     )
-    seen: set[tuple[Any, ...]] = set()
+    known: set[tuple[Any, ...]] = set()
 
     def new(
         name: str, matrix: NDArray[np.float64], zero: float = 0.0, file: int = 0, here: int = 0
     ) -> Iterator[Motion]:
         key = (*matrix.ravel(), zero, file, here)
-        if key not in seen:
-            seen.add(key)
+        if key not in known:
+            known.add(key)
             yield Motion(name, matrix, zero, file, here)
 
     def named(*parts: str) -> str:

@@ -126,9 +126,9 @@ def warped(
             images, disagreement = images_of[hypothesis.there], measures[hypothesis.here]
             shift = jitter_between(shot[t + hypothesis.here], shot[t + hypothesis.there])
             motion = applied(hypothesis, stored[t + hypothesis.file]) + np.float32(shift)
-            warped, coverage = reproject(images, motion / np.float32(thin), fallback=False)
+            moved, coverage = reproject(images, motion / np.float32(thin), fallback=False)
             inside = coverage > 0.5
-            left = disagreement(warped)
+            left = disagreement(moved)
             # What has left the image tells nothing, unless it is so much that hypotheses would hide there.
             outside = left[inside].mean() if inside.mean() > _INSIDE else 1
             found[number].append(tile_means(np.where(inside, left, outside)))
