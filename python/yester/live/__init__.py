@@ -10,8 +10,8 @@ import os
 import signal
 import threading
 import webbrowser
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Coroutine
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -77,23 +77,20 @@ def run(
                 webbrowser.open(server.address)
 
         try:
-            with suppress(KeyboardInterrupt), _ended():
-                asyncio.run(server.serve(started))
+            with suppress(KeyboardInterrupt):
+                asyncio.run(_until_ended(server.serve(started)))
         finally:
             session.close()
 
 
-@contextmanager
-def _ended() -> Iterator[None]:
-    """Take an end of the process, or of its terminal, for Ctrl-C, so that a recording is completed."""
+async def _until_ended(served: Coroutine[Any, Any, None]) -> None:
+    """Serve until the process, or its terminal, is to end, so that a recording is completed. Ctrl-C is asyncio's."""
+    task = asyncio.ensure_future(served)
     known = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
     # Not where nohup ignores them, or the program has handlers of its own. Only the main thread may set any.
     main = threading.current_thread() is threading.main_thread()
-    ends = [number for number in known if main and signal.getsignal(number) == signal.SIG_DFL]
-    for number in ends:
-        signal.signal(number, lambda *_: signal.raise_signal(signal.SIGINT))
-    try:
-        yield
-    finally:
-        for number in ends:
-            signal.signal(number, signal.SIG_DFL)
+    for number in known if main and os.name != "nt" else ():
+        if signal.getsignal(number) == signal.SIG_DFL:
+            asyncio.get_running_loop().add_signal_handler(number, task.cancel)
+    with suppress(asyncio.CancelledError):
+        await task
