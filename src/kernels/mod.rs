@@ -8,7 +8,8 @@
 //! Kernels do not validate their arguments: call `Params::check` for the parameters, and the functions named `check` for
 //! the numbers beside them. All images of a call have the same size unless the module says otherwise; a kernel panics if
 //! an output is too small, and may leave elements of one that is too large as they were. It panics, too, if an environment
-//! variable that [`Settings`](crate::Settings) reads has a value that it cannot have. [Pipelines](crate::pipelines) check all of this themselves.
+//! variable that [`Settings`](crate::Settings) reads has a value that it cannot have. [Pipelines](crate::pipelines) check all
+//! of this themselves.
 
 pub mod camera;
 pub mod fetch;

@@ -272,7 +272,7 @@ mod sealed {
 ///     fn output_size(&self, size: Size) -> Size { size }
 ///     fn extras(&self) -> Extras { Extras::default() }
 ///     fn reset(&mut self) {}
-///     fn step(&mut self, _: &Frame, _: Output) -> Result<(Summary, Option<Mistake>)> { todo!() }
+///     fn step(&mut self, _: &Frame, _: Output) -> Result<(Summary, Option<Mistake>)> { loop {} }
 /// }
 /// ```
 pub trait Pipeline: sealed::Sealed {

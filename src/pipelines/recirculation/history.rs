@@ -165,7 +165,8 @@ impl<'a> Kernel for Settle<'a> {
                 out.drift.row(channel, pixel / width)[pixel % width] = drift;
             }
             if sampled && kept {
-                // As their colours will.
+                // The point moves towards the sample's place by the share that its colour will have. At the sample's own
+                // place, old colours would be shown beside where they belong.
                 let share = out.fresh[i] / (out.fresh[i] + out.quality[i]);
                 let join = |old: f32, new: f32| {
                     if old == new {
