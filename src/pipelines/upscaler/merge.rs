@@ -45,8 +45,9 @@ pub struct Merge<'a> {
     pub clipped: Image,
     pub motion: Image,
     pub disoccluded: Image,
-    /// In cells of 2×2 samples, and around.
+    /// λ: the gradient in each cell of 2×2 samples.
     pub change: Image,
+    /// Λ: the same with the cells around it.
     pub change_around: Image,
     pub thin: Image,
     pub reactive: Option<View<'a>>,
