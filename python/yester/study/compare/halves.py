@@ -69,7 +69,10 @@ def two_buffer_error(
     Notes
     -----
     A half is compared with results for the same frame. Nothing is reprojected, so that edges and reflections count like
-    all other pixels. The weight of a sample depends only on results of the other half, which are independent of it.
+    all other pixels. The weight of a sample depends only on results of the other half, which are independent of it. The
+    last term has the mean of both weights. As the weights share the results' noise, the sum is without bias only where
+    results have little of it: of results with a noise of 0.3, at light of 0.2 to 0.8, the relative weighting says a
+    quarter too much.
 
     References
     ----------
@@ -155,9 +158,10 @@ def _compared(first: Images, second: Images, samples: Sequence[NDArray[np.float3
     apart = 0.25 * (((a[1] - a[0]) ** 2) - (b[1] - b[0]) ** 2).mean(-1)
     deviation = 0.25 * ((b[1] - b[0]) ** 2).mean(-1)
     result = []
-    for one, other, together in zip(*map(weights, (*means, means.mean(0))), strict=True):
-        difference = 0.5 * (one * worse[0] + other * worse[1]) - together * apart
-        result.append([tile_sums(image, tile) for image in (difference, known, together * deviation)])
+    for one, other in zip(*map(weights, means), strict=True):
+        both = 0.5 * (one + other)
+        difference = 0.5 * (one * worse[0] + other * worse[1]) - both * apart
+        result.append([tile_sums(image, tile) for image in (difference, known, both * deviation)])
     return np.array(result)
 
 
