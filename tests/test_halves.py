@@ -110,9 +110,8 @@ def test_refuses(start):
 def test_judged(tmp_path, monkeypatch):
     """Both estimates of every component, the predictive error from each half alone, and their table."""
     names = ("demodulation", "choice", "antialiasing")
-    some = [each for each in halves.ABLATIONS if each.whole.name == "SVGF" and each.component in names]
-    for module in (halves, judging):
-        monkeypatch.setattr(module, "ABLATIONS", some)
+    some = [each for each in judging.PARTS if each.component in names]
+    monkeypatch.setattr(judging, "PARTS", some)
     shape = {"frames": 6, "width": 64, "height": 48, "reference_spp": 16, "references": range(3, 6)}
     first = record("tapestry", tmp_path, **shape, halves=True)
     pair = [first, *first.variants]

@@ -1,8 +1,11 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import yester
 from yester.plan import Stage
-from yester.study.compare import judging
+from yester.study.compare import halves, judging, oracle, stein
+from yester.study.compare.ablation import ABLATIONS
 from yester.study.compare.doors import DOORS
 from yester.study.rendered.recording import record
 
@@ -83,6 +86,35 @@ def test_passes_that_pixels_show(recordings):
 def test_ranks():
     rng = np.random.default_rng(0)
     values = rng.random(20)
-    assert judging._ranks(values, np.exp(values)) == pytest.approx(1)
-    assert judging._ranks(values, -(values**3)) == pytest.approx(-1)
+    assert judging.rank_correlation(values, np.exp(values)) == pytest.approx(1)
+    assert judging.rank_correlation(values, -(values**3)) == pytest.approx(-1)
+    # Equal values have the mean of their ranks: by hand, 2, 2, 2, 4 and 1, 2.5, 2.5, 4.
+    assert judging.rank_correlation([0, 0, 0, 5], [1, 3, 3, 7]) == pytest.approx(3 / np.sqrt(3 * 4.5))
+    assert np.isnan(judging.rank_correlation(np.zeros(5), values[:5]))
+    assert np.isnan(judging.rank_correlation([], []))
     assert yester.Plan().summary() == "the default: nothing is superfluous"
+
+
+def test_a_component_that_changes_nothing():
+    """It has no correlation, and is left out of the row of all."""
+
+    def found(component, value, gain):
+        weighted, error = (dict.fromkeys(("relative", "display"), number) for number in (value, 0.01))
+        return judging.Judged("cut", component, weighted, error, weighted, {"relmse": gain, "psnr": -gain})
+
+    some = [found("clip", value, gain) for value, gain in ((0.1, 0.3), (0.2, 0.1), (0.3, 0.2))]
+    _, clip, idle, every, _ = judging.correlations([*some, *[found("motion test", 0.0, 0.0)] * 9]).splitlines()
+    assert clip.split()[1:] == every.split()[1:] == ["1.00", "1.00", "-0.50", "0.50"]
+    assert idle.split()[-4:] == ["–"] * 4
+
+
+def test_components_of_the_output_stage_are_compared_with_it(recordings, monkeypatch):
+    """A method gains nothing over itself, by any estimate or oracle."""
+    stage = next(each for each in ABLATIONS if each.counterpart)
+    for module in (judging, oracle):
+        monkeypatch.setattr(module, "PARTS", [replace(stage, method=stage.base)])
+    one = recordings[0]
+    for (found,) in (judging.judged(one), *halves.judged(one, one), *stein.judged(one)):
+        assert not any((*found.predicted.values(), *found.clean.values(), *found.gains.values()))
+    *_, last = oracle.gains(one)
+    assert not any(gain for gains in last.gains.values() for gain in gains.values())

@@ -25,7 +25,7 @@ from .methods import Method, Result, Run, on_part, pipeline, quarter
 from .peers import imports
 from .points import ALL, Point
 
-__all__ = ["ABLATIONS", "Ablation", "Effect", "Harm", "ablate", "harmful", "harms", "table"]
+__all__ = ["ABLATIONS", "Ablation", "Effect", "Harm", "ablate", "bases", "harmful", "harms", "table"]
 
 #: A threshold that nothing exceeds.
 _ENDLESS = 1e30
@@ -234,6 +234,11 @@ ABLATIONS = (
         }.items()
     ),
 )
+
+
+def bases(ablations: Iterable[Ablation]) -> list[Method]:
+    """The methods with which these are compared, each once."""
+    return [*dict.fromkeys(each.base for each in ablations)]
 
 
 @dataclass(frozen=True)

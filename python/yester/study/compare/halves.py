@@ -21,7 +21,7 @@ from yester.judge import WEIGHTINGS, Predicted, estimate, predictive_error, tile
 from ..rendered.recording import Recording, record
 from ..rendered.sequences import expand, parser
 from . import harm, judging
-from .ablation import ABLATIONS
+from .ablation import bases
 from .judging import Judged
 
 __all__ = ["judged", "two_buffer_error"]
@@ -107,14 +107,14 @@ def judged(one: Recording, other: Recording) -> tuple[list[Judged], list[Judged]
     known = sorted(one.references)
     true = {i: one.reference(i) for i in known}
     clean = [[replace(f, color=true[i]) if i in true else f for i, f in enumerate(half)] for half in halves]
-    parts = [each for each in ABLATIONS if each.whole.name == "SVGF" and not each.added]
-    whole = [judging.colors(parts[0].whole.run, half) for half in halves]
-    base = [judging.errors(images, one) for images in (*whole, _mean(*whole))]
+    wholes = {base: [judging.colors(base.run, half) for half in halves] for base in bases(judging.PARTS)}
+    own = {base: [judging.errors(some, one) for some in (*whole, _mean(*whole))] for base, whole in wholes.items()}
     by_halves, by_prediction = [], []
-    for each in parts:
+    for each in judging.PARTS:
+        whole = wholes[each.base]
         images = [judging.colors(each.method.run, half) for half in halves]
         values = [judging.errors(some, one) for some in (*images, _mean(*images))]
-        *single, both = (harm.gains(*pair) for pair in zip(base, values, strict=True))
+        *single, both = (harm.gains(*pair) for pair in zip(own[each.base], values, strict=True))
         by_halves.append(
             _judged(
                 *(one.name, each.component),

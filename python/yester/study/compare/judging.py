@@ -9,6 +9,7 @@ sides. Last, how many passes of the filter the pixels of each sequence show.
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -16,7 +17,7 @@ from itertools import repeat
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 import yester
 from yester import SVGF, Frame, Plan
@@ -27,17 +28,32 @@ from yester.metrics import METRICS, Picture
 from ..rendered.recording import Recording, record
 from ..rendered.sequences import expand, parser
 from . import harm
-from .ablation import ABLATIONS
+from .ablation import ABLATIONS, bases
 from .doors import DOORS, Door, known_doors
 from .methods import Run, pipeline
 
-__all__ = ["SHAPE", "Judged", "Worth", "compare", "correlations", "judged", "passes", "table", "worth"]
+__all__ = [
+    "PARTS",
+    "SHAPE",
+    "Judged",
+    "Worth",
+    "compare",
+    "correlations",
+    "judged",
+    "passes",
+    "rank_correlation",
+    "table",
+    "worth",
+]
 
 #: The first frame whose results are compared: those before it have next to no history.
 START = 2
 _MEASURED = ("psnr", "relmse", "flip")
 #: Passes that a pixel shows at most: one more than the default.
 _MOST = 4
+
+#: The components whose worth is estimated.
+PARTS = tuple(each for each in ABLATIONS if each.whole.name == "SVGF" and not each.added)
 
 #: The sequences on which estimates are compared with true errors, as arguments of `record`.
 SHAPE: dict[str, Any] = {"frames": 12, "width": 128, "height": 96, "reference_spp": 64, "references": range(4, 12)}
@@ -89,11 +105,11 @@ def judged(recording: Recording) -> list[Judged]:
     frames = [recording.frame(i) for i in range(len(recording.frames))]
     known = sorted(recording.references)
     clean = [replace(frame, color=recording.reference(i)) if i in known else frame for i, frame in enumerate(frames)]
-    parts = [each for each in ABLATIONS if each.whole.name == "SVGF" and not each.added]
-    whole = colors(parts[0].whole.run, frames)
-    base = errors(whole, recording)
+    wholes = {base: colors(base.run, frames) for base in bases(PARTS)}
+    values = {base: errors(whole, recording) for base, whole in wholes.items()}
     found = []
-    for each in parts:
+    for each in PARTS:
+        whole = wholes[each.base]
         images = colors(each.method.run, frames)
         said = predictive_error(images, whole, frames, start=START)
         # Starts one frame before the first reference, since results are compared with the next frame's samples.
@@ -105,7 +121,7 @@ def judged(recording: Recording) -> list[Judged]:
                 {name: one.difference for name, one in said.items()},
                 {name: one.error for name, one in said.items()},
                 {name: one.difference for name, one in true.items()},
-                harm.gains(base, errors(images, recording)),
+                harm.gains(values[each.base], errors(images, recording)),
             )
         )
     return found
@@ -115,11 +131,15 @@ def correlations(found: Sequence[Judged]) -> str:
     """Write rank correlations over sequences, by component and over all components, as a table.
 
     The first two columns correlate the estimate with the true difference, for either weighting; the third the relative
-    estimate with the gain in relMSE; the last the display-weighted estimate with the gain in PSNR.
+    estimate with the gain in relMSE; the last the display-weighted estimate with the gain in PSNR. A component that
+    changes nothing has no correlation, and is left out of the row of all.
     """
-    rows = []
-    for name in (*dict.fromkeys(each.component for each in found), "all"):
-        some = [each for each in found if name in (each.component, "all")]
+    parts: dict[str, list[Judged]] = {}
+    for each in found:
+        parts.setdefault(each.component, []).append(each)
+    changing = [each for some in parts.values() if any(any(e.predicted.values()) for e in some) for each in some]
+    lines = [["", "relative", "display", "relMSE", "PSNR"]]
+    for name, some in {**parts, "all": changing}.items():
         pairs = [
             *(([e.predicted[w] for e in some], [e.clean[w] for e in some]) for w in ("relative", "display")),
             *(
@@ -127,16 +147,16 @@ def correlations(found: Sequence[Judged]) -> str:
                 for w, metric in (("relative", "relmse"), ("display", "psnr"))
             ),
         ]
-        rows.append(f"{name:<20}" + "".join(f"{_ranks(*pair):>10.2f}" for pair in pairs))
+        ranks = [rank_correlation(*pair) for pair in pairs]
+        lines.append([name, *("–" if math.isnan(value) else f"{value:.2f}" for value in ranks)])
     clear = [
         (each.predicted[w] > 0) == (each.clean[w] > 0)
         for each in found
         for w in each.predicted
         if abs(each.predicted[w]) > 2 * each.error[w]
     ]
-    head = f"{'':<20}{'relative':>10}{'display':>10}{'relMSE':>10}{'PSNR':>10}"
     share = f"the sign is right in {100 * np.mean(clear):.0f} % of {len(clear)} cases beyond two standard errors"
-    return "\n".join([head, *rows, share])
+    return f"{harm.aligned(lines)}\n{share}"
 
 
 def compare(estimates: Mapping[str, Sequence[Judged]]) -> None:
@@ -219,10 +239,17 @@ def errors(images: Sequence[NDArray[np.float32]], recording: Recording) -> dict[
     return {key: float(np.mean([METRICS[key].measure(*pair) for pair in pairs])) for key in _MEASURED}
 
 
-def _ranks(first: Sequence[float], second: Sequence[float]) -> float:
-    """Spearman's rank correlation."""
-    one, other = (np.argsort(np.argsort(values)) for values in (first, second))
+def rank_correlation(first: ArrayLike, second: ArrayLike) -> float:
+    """Spearman's rank correlation; equal values have the mean of their ranks. NaN if a list has no different values."""
+    one, other = map(_ranks, (first, second))
+    if min(len(np.unique(one)), len(np.unique(other))) < 2:
+        return math.nan
     return float(np.corrcoef(one, other)[0, 1])
+
+
+def _ranks(values: ArrayLike) -> NDArray[np.float64]:
+    _, place, count = np.unique(values, return_inverse=True, return_counts=True)
+    return np.asarray((np.cumsum(count) - 0.5 * (count - 1))[place])
 
 
 if __name__ == "__main__":

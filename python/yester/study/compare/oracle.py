@@ -3,7 +3,7 @@
 For each tile of 8×8 pixels, the first oracle takes the result with the least error in the current frame. No method can
 know that error, and noise flatters the choice. The second oracle takes the result with the least error in the frames
 before, as a method with perfect error estimates could. Candidates are the results of `SVGF` with fixed numbers of
-passes, or the default's result and that with one component switched. Run by ``python -m yester.study.compare.oracle``.
+passes, or the results with and without one component. Run by ``python -m yester.study.compare.oracle``.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from yester.metrics import METRICS, Picture
 from ..rendered.recording import Recording, record
 from ..rendered.sequences import expand, parser
 from . import harm
-from .ablation import ABLATIONS
+from .ablation import ABLATIONS, bases
 from .methods import Run, pipeline
 
-__all__ = ["ORACLES", "PASSES", "Gain", "chosen", "gains", "main"]
+__all__ = ["ORACLES", "PARTS", "PASSES", "Gain", "chosen", "gains", "main"]
 
 Image = NDArray[np.float32]
 
@@ -35,6 +35,10 @@ PASSES = range(5)
 TILE = 8
 #: The oracles, by the errors of a tile that they know: of this frame, or of the frames before.
 ORACLES = ("now", "before")
+#: The components with and without which the oracles choose.
+PARTS = tuple(
+    each for each in ABLATIONS if each.whole.name == "SVGF" and each.component not in ("choice", "later frames")
+)
 #: Weight of the newest frame in the running mean of errors.
 _SHARE = 0.3
 _MEASURED = tuple(harm.LIMITS)[:3]
@@ -49,8 +53,9 @@ class Gain:
     scene, candidates : str
         Names of the sequence and of the candidates: "passes", or the method with one component switched.
     gains : dict of str to dict of str to float
-        By oracle and metric, the improvement over the default, as `harm.gains` returns it. For candidates "passes", the
-        improvement over the usual number of passes, and "default" beside the oracles.
+        By oracle and metric, the improvement over the method in which the component is switched, as `harm.gains`
+        returns it. For candidates "passes", the improvement over the usual number of passes, and "default" beside the
+        oracles.
     """
 
     scene: str
@@ -92,15 +97,17 @@ def gains(recording: Recording) -> Iterator[Gain]:
     default = _results(pipeline(SVGF), frames, references)
     fixed = [_results(pipeline(SVGF, iterations=n, choice=False), frames, references) for n in PASSES]
     usual = _results(pipeline(SVGF, choice=False), frames, references)
-    own, plain = _values(default, references), _values(usual, references)
+    plain = _values(usual, references)
     best = {oracle: _values(_best(fixed, references, oracle), references) for oracle in ORACLES}
-    choosing = {"default": own, **best}
+    choosing = {"default": _values(default, references), **best}
     yield Gain(recording.name, "passes", {key: harm.gains(values, plain) for key, values in choosing.items()})
-    for each in ABLATIONS:
-        if each.whole.name == "SVGF" and each.component not in ("choice", "later frames"):
-            pair = default, _results(each.method.run, frames, references)
-            values = {oracle: _values(_best(pair, references, oracle), references) for oracle in ORACLES}
-            yield Gain(recording.name, each.method.name, {key: harm.gains(value, own) for key, value in values.items()})
+    wholes = {base: _results(base.run, frames, references) for base in bases(PARTS)}
+    own = {base: _values(whole, references) for base, whole in wholes.items()}
+    for each in PARTS:
+        pair = wholes[each.base], _results(each.method.run, frames, references)
+        values = {oracle: _values(_best(pair, references, oracle), references) for oracle in ORACLES}
+        gained = {key: harm.gains(value, own[each.base]) for key, value in values.items()}
+        yield Gain(recording.name, each.method.name, gained)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -113,7 +120,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         print(f"gain in {name} of choosing the number of passes per tile, over the usual number")
         print(_by_scene(key, {gain.scene: gain.gains for gain in found if gain.candidates == "passes"}), end="\n\n")
     for oracle in ORACLES:
-        print(f"gain of choosing per tile between the default and another, by the errors of {_KNOWN[oracle]}")
+        print(f"gain of choosing per tile with or without a component, by the errors of {_KNOWN[oracle]}")
         others: dict[str, dict[str, Mapping[str, float]]] = {}
         for gain in found:
             if gain.candidates != "passes":

@@ -21,7 +21,7 @@ from yester.judge import Predicted, estimate, tile_sums, weights
 from ..rendered.recording import Recording, record
 from ..rendered.sequences import expand, parser
 from . import judging
-from .ablation import ABLATIONS
+from .ablation import bases
 from .judging import Judged
 
 __all__ = ["judged", "shifted", "stein_error"]
@@ -60,8 +60,8 @@ def shifted(frames: Sequence[Frame], seed: int = 0) -> tuple[list[Frame], list[N
 
 
 def stein_error(
-    first: tuple[Images, Images],
-    second: tuple[Images, Images],
+    first: Sequence[Images],
+    second: Sequence[Images],
     frames: Sequence[Frame],
     shifts: Images,
     *,
@@ -145,14 +145,11 @@ def judged(recording: Recording) -> tuple[list[Judged], list[Judged]]:
     """
     frames = [recording.frame(i) for i in range(len(recording.frames))]
     moved, shifts = shifted(frames)
-    parts = {each.component: each for each in ABLATIONS if each.whole.name == "SVGF" and not each.added}
-    run = next(iter(parts.values())).whole.run
-    whole = judging.colors(run, frames), judging.colors(run, moved)
+    wholes = {base: [judging.colors(base.run, each) for each in (frames, moved)] for base in bases(judging.PARTS)}
     predicted, stein = judging.judged(recording), []
-    for one in predicted:
-        method = parts[one.component].method
-        images = judging.colors(method.run, frames), judging.colors(method.run, moved)
-        said = stein_error(images, whole, frames, shifts, start=judging.START)
+    for part, one in zip(judging.PARTS, predicted, strict=True):
+        images = [judging.colors(part.method.run, each) for each in (frames, moved)]
+        said = stein_error(images, wholes[part.base], frames, shifts, start=judging.START)
         difference = {name: each.difference for name, each in said.items()}
         stein.append(one._replace(predicted=difference, error={name: each.error for name, each in said.items()}))
     return stein, predicted
