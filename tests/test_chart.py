@@ -568,6 +568,9 @@ def test_harmful_components(monkeypatch):
     assert ablation.harmful([worse], {"flip": 0.06}) == []
     good = replace(worse, gains=worse.gains | {"psnr": 1.3})
     assert "made good" in ablation.harmful([good])[0]
+    # A gain of less than two standard errors makes nothing good.
+    unsure = replace(good, errors={"psnr": 0.7})
+    assert "made good" not in ablation.harmful([unsure])[0]
     monkeypatch.setitem(harm.EXCEPTIONS, ("SVGF - clip", "cut"), "it sharpens")
     assert ablation.harmful([good, worse]) == ["SVGF - clip, cut: relmse -2.1 %, flip -5.0 %"]
     assert ablation.harmful([replace(good, gains=good.gains | {"psnr": 1.2})]) == [

@@ -82,8 +82,8 @@ def mean_gains(
 
 
 def sure(gained: Mapping[str, float], errors: Mapping[str, float]) -> dict[str, float]:
-    """Leave out losses of less than two standard errors."""
-    return {key: gain for key, gain in gained.items() if gain > 0 or -gain >= 2 * errors.get(key, 0.0)}
+    """Leave out gains and losses of less than two standard errors."""
+    return {key: gain for key, gain in gained.items() if abs(gain) >= 2 * errors.get(key, 0.0)}
 
 
 def harms(gained: Mapping[str, float], limits: Mapping[str, float] = LIMITS, *, excused: bool = False) -> list[str]:
