@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 from yester.study import pages
+from yester.study.compare import ablation, harm
 from yester.study.compare.doors import FULL
 from yester.study.rendered.sequences import FRESH, LATE, NAMES
 
@@ -204,6 +205,14 @@ def test_pages_are_of_the_measurements_that_are_kept():
     """`python -m yester.study.pages write README.md docs/results/*.md` changes nothing."""
     every = [ROOT / "README.md", *sorted((ROOT / "docs" / "results").glob("*.md"))]
     assert pages.write(every, ROOT / "docs" / "results" / "data", check=True) == []
+
+
+def test_exceptions_are_the_cases_that_are_made_good(monkeypatch):
+    """With every buffer, no such case is without a reason, and no reason without its case."""
+    listed = {*harm.EXCEPTIONS}
+    monkeypatch.setattr(harm, "EXCEPTIONS", {})
+    found = ablation.harms(pages._effects(ROOT / "docs" / "results" / "data" / "ablation.csv"))
+    assert {(effect.name, effect.case) for effect, _, made_good in found if made_good} == listed
 
 
 def test_readme_is_short():

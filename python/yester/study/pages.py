@@ -216,7 +216,8 @@ def innovation(folder: Path) -> str:
 def harms(folder: Path) -> str:
     """Components that are on by default and do harm, beyond the limits and two standard errors, with the sequences.
 
-    Not what is made good in another metric, nor those of `TAA`, whose tables are of frames that it is not meant for.
+    Marked are losses that are made good in another metric. Left out are exceptions, and `TAA`, which is not meant for
+    such frames.
     """
     return _harms(folder / "ablation.csv")
 
@@ -226,8 +227,9 @@ def harms_with_less(folder: Path) -> str:
     return _harms(folder / "ablation_with_less.csv")
 
 
-def _harms(file: Path) -> str:
-    effects = [
+def _effects(file: Path) -> list[Effect]:
+    """The gains of components on single sequences, except those of `TAA`."""
+    return [
         Effect(
             row["scene"],
             row["pipeline"],
@@ -241,11 +243,13 @@ def _harms(file: Path) -> str:
         for row in _rows(file)
         if row["pipeline"] != "TAA" and row["scene"] != ALL
     ]
+
+
+def _harms(file: Path) -> str:
     found: dict[str, list[str]] = {}
-    for effect, losses, made_good in components.harms(effects):
-        if not made_good:
-            name = effect.name.removeprefix("SVGF - ").replace(" - ", ": ")
-            found.setdefault(name, []).append(f"`{effect.scene}` ({losses})")
+    for effect, losses, made_good in components.harms(_effects(file)):
+        name = effect.name.removeprefix("SVGF - ").replace(" - ", ": ")
+        found.setdefault(name, []).append(f"`{effect.scene}` ({losses}{', made good' if made_good else ''})")
     return _table(["component", "sequences"], [[name, "; ".join(found[name])] for name in sorted(found)])
 
 

@@ -405,7 +405,7 @@ def harms(effects: Sequence[Effect], limits: Mapping[str, float] = harm.LIMITS) 
         sure = harm.sure(e.gains, e.errors)
         bad = harm.harms(sure, limits)
         left = harm.harms(sure, limits, excused=True)
-        if bad and (left or (e.name, e.scene) not in harm.EXCEPTIONS):
+        if bad and (left or (e.name, e.case) not in harm.EXCEPTIONS):
             losses = ", ".join(f"{key} {harm.amount(key, e.gains[key])}" for key in bad)
             found.append((min(e.gains[key] / limits[key] for key in bad), Harm(e, losses, not left)))
     return [each for _, each in sorted(found, key=lambda pair: pair[0])]

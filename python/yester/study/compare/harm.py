@@ -15,23 +15,15 @@ __all__ = ["EXCEPTIONS", "LIMITS", "aligned", "amount", "gains", "harms", "mean_
 #: to the value without it.
 LIMITS = {"psnr": 0.1, "relmse": 0.02, "flip": 0.02, "temporal_error": 0.02}
 
-#: By component (`ablation.Effect.name`) and sequence, the reason why harm is accepted. An exception applies only if the
-#: component gains `_WORTH` times as much in another metric of that sequence.
+#: By component and case (`ablation.Effect.name` and `case`), the reason why harm is accepted. An exception applies only
+#: if the component gains `_WORTH` times as much in another metric of that case.
 EXCEPTIONS: dict[tuple[str, str], str] = {
     ("SVGF - antialiasing", "spinning_shapes"): "edges gain more than what lags behind turning shapes loses",
-    ("SVGF - antialiasing", "passer_by"): "edges gain more than what the passer-by uncovers loses",
     ("SVGF - antialiasing", "brushed_metal"): "edges gain more than highlights lose, which its history blurs",
-    ("SVGF - antialiasing", "black_plastic"): "edges gain more than highlights lose, which its history blurs",
-    ("SVGF - antialiasing", "switched_light"): "edges gain more than what lags behind the light loses",
-    ("SVGF - antialiasing", "opening_door"): "edges gain more than what lags behind the light loses",
-    ("SVGF - antialiasing", "moving_light"): "edges gain more than what lags behind the light loses",
-    ("SVGF - demodulation", "black_plastic"): "texture stays sharp; on black tiles, noise is divided by 1/32",
     ("SVGF - demodulation", "shallow_focus"): "texture stays sharp; out of focus, albedo is noisy itself",
-    ("SVGF - tone-mapped box", "neon_corridor"): "outliers do not widen the box; dark places lose a little",
-    ("SVGF - clip", "grass"): "wrong history is kept out; features as thin as a pixel lose contrast",
     ("SVGF - clip", "neon_corridor"): "wrong history is kept out; features as thin as a pixel lose contrast",
-    ("SVGF - clip", "glass_shelf"): "wrong history is kept out; features as thin as a pixel lose contrast",
-    ("SVGF - choice", "brushed_metal"): "fewer passes keep highlights sharp, with noise that flickers a little",
+    ("SVGF - cubic history", "glossy_plates"): "history stays sharp; sharp reflections flicker more than blurred ones",
+    ("SVGF - tone-mapped box", "cornell_box"): "outliers do not widen the box; dark places lose a little",
 }
 
 #: Ratio of gain to loss, both relative to their limits, that excuses the loss.
