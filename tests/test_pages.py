@@ -3,6 +3,7 @@
 import csv
 from itertools import product
 from pathlib import Path
+from statistics import mean
 
 import pytest
 from yester.study import pages
@@ -11,6 +12,7 @@ from yester.study.compare.doors import FULL
 from yester.study.rendered.sequences import FRESH, LATE, NAMES
 
 ROOT = Path(__file__).parents[1]
+DATA = ROOT / "docs" / "results" / "data"
 METRICS = ("psnr", "relmse", "flip", "temporal_error")
 
 
@@ -204,14 +206,27 @@ def test_measure(tmp_path, monkeypatch, capfd):
 def test_pages_are_of_the_measurements_that_are_kept():
     """`python -m yester.study.pages write README.md docs/results/*.md` changes nothing."""
     every = [ROOT / "README.md", *sorted((ROOT / "docs" / "results").glob("*.md"))]
-    assert pages.write(every, ROOT / "docs" / "results" / "data", check=True) == []
+    assert pages.write(every, DATA, check=True) == []
+
+
+def test_methods_of_one_name_are_the_same():
+    """Through the full door, each method has the accuracy that the method of that name has on the other page."""
+    known = {(row["method"], row["scene"]): row for row in pages._rows(DATA / "accuracy.csv")}
+    compared = set()
+    for method, doors in pages._through_doors(DATA).items():
+        for scene, runs in doors[FULL].items():
+            if row := known.get((method, scene)):
+                compared.add(method)
+                for key in METRICS:
+                    assert mean(run[key] for run in runs) == pytest.approx(float(row[key])), (method, scene)
+    assert {"SVGF", "BMFR"} < compared
 
 
 def test_exceptions_are_the_cases_that_are_made_good(monkeypatch):
     """With every buffer, no such case is without a reason, and no reason without its case."""
     listed = {*harm.EXCEPTIONS}
     monkeypatch.setattr(harm, "EXCEPTIONS", {})
-    found = ablation.harms(pages._effects(ROOT / "docs" / "results" / "data" / "ablation.csv"))
+    found = ablation.harms(pages._effects(DATA / "ablation.csv"))
     assert {(effect.name, effect.case) for effect, _, made_good in found if made_good} == listed
 
 
