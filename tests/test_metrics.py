@@ -159,6 +159,17 @@ def test_edge_sharpness_counts_the_steepest():
     assert edge_sharpness(grey(image), grey(reference), share=1) < 0.99
 
 
+@pytest.mark.parametrize(("variance", "expected"), [(1, 0.80), (10, 0.29)])
+def test_edge_sharpness_under_noise(variance, expected):
+    """A sharp edge with noise in proportion to its light looks blurred, as its display values are clipped."""
+    rng = np.random.default_rng(0)
+    reference = np.tile(np.where(np.arange(96) < 48, 0.08, 0.6), (1024, 1))
+    noisy = reference * rng.gamma(1 / variance, variance, reference.shape)
+    assert edge_sharpness(*(np.dstack([image] * 3) for image in (noisy, reference))) == pytest.approx(
+        expected, abs=0.02
+    )
+
+
 def test_edge_sharpness_of_few_pixels():
     """This fraction of four inner pixels is less than one pixel: the steepest, at the lower right."""
     reference = np.zeros((4, 4))

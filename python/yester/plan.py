@@ -80,7 +80,7 @@ class Stage:
         Whether the plan uses it.
     loss : float
         How much worse the result is without it: the mean squared error that it saves, relative to the mean squared
-        change of the result from frame to frame, which is about a fifth of its relMSE. Of the two weightings of
+        change of the result from frame to frame, which is about a third of its relMSE. Of the two weightings of
         ``yester.judge.predictive_error``, the one with the higher bound. Negative where the result is better without.
     error : float
         Standard error of `loss`.
@@ -458,7 +458,7 @@ def plan(frames: Iterable[Frame], *, count: int = PLANNED) -> Plan:
 
     `SVGF` runs over these frames as it is by default, and without each stage and buffer in turn. New samples judge
     the results (``yester.judge.predictive_error``). The choice of passes and buffers are left out only if the result is
-    better without, at two standard errors: by 5 % of its change from frame to frame, about 1 % of its relMSE, and for
+    better without, at two standard errors: by 5 % of its change from frame to frame, 1 to 2 % of its relMSE, and for
     buffers by 12.5 %, or 50 % if they are worth most at edges (position, depth, normals, ids, camera) and find
     surfaces again. Gradient, innovation and reflections are judged but always used: they are there for what the first
     frames may not show. The combination is judged once more. Without evidence, everything is used. How many passes
