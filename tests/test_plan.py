@@ -13,7 +13,7 @@ import yester
 from compare import assert_same_bits
 from test_cli import refused, run
 from yester.io import read_exr, write_exr
-from yester.judge import predictive_error
+from yester.judge import estimate, predictive_error, sums
 from yester.plan import _cropped, _windows
 
 SIZE = 96, 64
@@ -107,6 +107,8 @@ def test_missing_samples_and_edges_do_not_count():
     ids[1][:, 16:] = 2
     cut = [yester.Frame(y, motion=np.zeros((32, 32, 2)), ids=each) for each in ids]
     np.testing.assert_array_equal(predictive_error([a, a], [b, b], cut)["relative"].tiles, found.tiles)
+    # A single tile tells no error.
+    assert np.isnan(predictive_error([a, a], [b, b], flat([y, y]), tile=32)["relative"].error)
     nothing = predictive_error([a, a], [b, b], flat([y, np.full_like(y, np.nan)]))["display"]
     assert np.isnan(nothing.difference)
     assert np.isnan(nothing.change)
@@ -121,7 +123,7 @@ def test_results_with_holes(frame, result):
     samples = flat(rng.random((3, 32, 32, 3)).astype(np.float32))
     whole = predictive_error(*results, samples)["relative"]
     results[result, frame, 9, 9] = np.nan
-    found = predictive_error(*results, samples)["relative"]
+    found = estimate(*sums(results[:1], results[1], samples))["relative"]
     assert abs(found.difference - whole.difference) < whole.error
     np.testing.assert_allclose([found.error, found.change], [whole.error, whole.change], rtol=0.2)
 
@@ -132,13 +134,19 @@ def test_bad_input_of_the_judge(moving):
         predictive_error(images[:7], images, moving)
     with pytest.raises(ValueError, match="frames: expected at least two from `start` on, got 8 and start 7"):
         predictive_error(images, images, moving, start=7)
-    for tile in (0, 1.5):
-        with pytest.raises(ValueError, match=f"tile: expected a whole number from 1, got {tile}"):
-            predictive_error(images, images, moving, tile=tile)
+    with pytest.raises(ValueError, match=r"^tile: expected at least 1, got 0"):
+        predictive_error(images, images, moving, tile=0)
+    for name, number in (("tile", 16.0), ("tile", np.inf), ("start", 1.0)):
+        with pytest.raises(TypeError, match=f"^{name}: expected an integer, got float"):
+            predictive_error(images, images, moving, **{name: number})
     with pytest.raises(ValueError, match=r"^second\[1\]: expected shape"):
         predictive_error(images, [images[0], images[1][1:], *images[2:]], moving)
     with pytest.raises(TypeError, match=r"^first\[0\]: expected an array without a mask"):
         predictive_error([np.ma.masked_less(images[0], 1), *images[1:]], images, moving)
+    with pytest.raises(TypeError, match=r"^first\[0\]: expected floats, got uint8"):
+        predictive_error([images[0].astype(np.uint8), *images[1:]], images, moving)
+    with pytest.raises(ValueError, match=r"^second\[1\]: \d+ of \d+ values are not finite"):
+        predictive_error(images, [images[0], np.full_like(images[1], np.nan), *images[2:]], moving)
 
 
 # The plan

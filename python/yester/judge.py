@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
+from numbers import Integral
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ._core import Camera, demodulate, is_reflectance, motion_vectors, repetition, reproject
 from .frame import Frame
+from .metrics import Picture
 
 __all__ = ["Predicted", "predictive_error"]
 
@@ -37,7 +39,7 @@ class Predicted(NamedTuple):
     difference : float
         Mean squared error of the first result minus that of the second; NaN if no pixel could be compared.
     error : float
-        Its standard error.
+        Its standard error; NaN if fewer than two tiles could be compared.
     change : float
         A scale for both: the mean squared change of the second result along the motion, in the frame where it changes
         least. Over the study's 21 sequences, the median is a quarter of the result's relMSE with twelve frames, a third
@@ -64,9 +66,9 @@ def predictive_error(
     Parameters
     ----------
     first, second : sequence of (H, W, 3) array_like of float
-        The results a and b for each frame: linear colour.
+        The results a and b for each frame: linear colour, finite.
     frames : sequence of Frame
-        The noisy frames that both were made of, in order.
+        The noisy frames that both were made of, in order. Missing samples do not count.
     start : int, default 0
         The first frame whose results are compared. Young histories differ from old ones.
     tile : int, default 16
@@ -81,10 +83,10 @@ def predictive_error(
     Raises
     ------
     ValueError
-        If there are not as many results as frames or they have other shapes, fewer than two frames from `start` on, or
-        a tile below 1.
+        If there are not as many results as frames or they have other shapes, a result is not finite, there are fewer
+        than two frames from `start` on, or the tile is below 1.
     TypeError
-        If a result has a mask.
+        If a result is not of floats or has a mask, or `start` or `tile` is not an integer.
 
     See Also
     --------
@@ -114,14 +116,16 @@ def predictive_error(
     >>> bool(found.difference > 3 * found.error)
     True
     """
-    if tile != int(tile) or tile < 1:
-        raise ValueError(f"tile: expected a whole number from 1, got {tile}")
+    for name, number in (("start", start), ("tile", tile)):
+        if not isinstance(number, Integral):
+            raise TypeError(f"{name}: expected an integer, got {type(number).__name__}")
+    if tile < 1:
+        raise ValueError(f"tile: expected at least 1, got {tile}")
     for name, results in (("first", first), ("second", second)):
         for t, (image, frame) in enumerate(zip(results, frames, strict=False)):
-            if np.ma.isMaskedArray(image):
-                raise TypeError(f"{name}[{t}]: expected an array without a mask, got a masked one")
-            if np.shape(image) != frame.color.shape:
-                raise ValueError(f"{name}[{t}]: expected shape {frame.color.shape}, got {np.shape(image)}")
+            shape = Picture(image, f"{name}[{t}]").linear.shape
+            if shape != frame.color.shape:
+                raise ValueError(f"{name}[{t}]: expected shape {frame.color.shape}, got {shape}")
     (found,) = sums([first], second, frames, start=start, tile=tile)
     return estimate(found)
 
