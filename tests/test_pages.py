@@ -153,6 +153,18 @@ def test_contents_of_tables(data):
     assert "yester chart --ablate" in pages.TABLES["command ablation"](data)
 
 
+def test_the_best_is_chosen_by_value(tmp_path):
+    """10 dB is more than 9 dB, and 2 less than 10, though as text they are not."""
+    rows = [
+        {"scene": "cut", "method": "one", **values(9.5, 2.0)},
+        {"scene": "cut", "method": "other", **values(10.5, 10.0)},
+    ]
+    write_csv(tmp_path / "points.csv", rows)
+    row = pages._each(tmp_path / "points.csv", ["cut"], ["one", "other"]).splitlines()[-1]
+    better = " / ".join(["**2.0000**"] * 3)
+    assert row == f"| `cut` | 9.50 / {better} | **10.50** / {' / '.join(['10.0000'] * 3)} |"
+
+
 def test_write(data, tmp_path, capsys):
     """The text between the marks is replaced and nothing else; writing again changes nothing."""
     page = tmp_path / "page.md"

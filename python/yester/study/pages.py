@@ -175,7 +175,7 @@ def _each(file: Path, scenes: Iterable[str], names: Sequence[str]) -> str:
     rows = []
     for scene in scenes:
         cells = [_means(file, name, [scene]) for name in names]
-        best = [_BETTER[key](row[i] for row in cells) for i, key in enumerate(_LABELS)]
+        best = [_BETTER[key]((row[i] for row in cells), key=float) for i, key in enumerate(_LABELS)]
         marked = [[f"**{c}**" if c == b else c for c, b in zip(row, best, strict=True)] for row in cells]
         rows.append([f"`{scene}`" if scene != ALL else "mean", *(" / ".join(row) for row in marked)])
     return _table([" / ".join(_LABELS.values()), *names], rows)
