@@ -337,11 +337,29 @@ def test_copies_start_a_new_sequence(moving, again):
     assert_same_bits(got.color, want.color)
 
 
-def test_motion_to_the_next_frame_is_not_needed_backwards(moving):
-    """`denoise` takes it out where a copy runs backwards, and the last frame has none."""
-    known = [replace(frame, motion_next=-frame.motion) for frame in moving]
-    outputs = [*yester.denoise(known, yester.plan(known).pipeline())]
-    assert len(outputs) == len(known)
+@pytest.mark.parametrize(
+    "changes", [{"motion_next": None}, {"replay": None, "ids": None}, {"hit_distance": np.ones((64, 96))}]
+)
+def test_later_frames_may_have_other_buffers_from_both_sides(moving, changes):
+    """As from one side: a backward run begins with the last frame, and a replay is of no use to it."""
+    known = [replace(frame, motion_next=-frame.motion, replay=frame.color) for frame in moving]
+    pipeline = yester.plan(known).pipeline()
+    known[-1] = replace(known[-1], **changes)
+    assert len([*yester.denoise(known, pipeline)]) == len([*map(pipeline.step, known)]) == len(known)
+    with pytest.raises(ValueError, match="frame: depth: expected the buffers of the plan"):
+        [*yester.denoise([known[0], replace(known[1], depth=None)], pipeline)]
+
+
+@pytest.mark.parametrize("without", [("camera",), ("depth", "position")])
+def test_no_motion_comes_from_buffers_that_are_left_out(moving, without):
+    given = [replace(frame, motion=None) for frame in moving]
+    bare = [replace(frame, **dict.fromkeys(without)) for frame in given]
+    with pytest.warns(UserWarning, match="later frames are not used"):
+        wanted = [*yester.denoise(bare)]
+    with pytest.warns(UserWarning, match="later frames are not used"):
+        planned = [*yester.denoise(given, yester.Plan(without=without).pipeline())]
+    for got, want in zip(planned, wanted, strict=True):
+        assert_same_bits(got.color, want.color)
 
 
 @pytest.mark.parametrize(
@@ -407,7 +425,9 @@ def test_bad_input(moving):
         yester.plan(moving, count=5.5)
     with pytest.raises(TypeError, match=r"frames: expected yester\.Frame, got ndarray at 1"):
         yester.plan([moving[0], moving[1].color])
-    with pytest.raises(ValueError, match=r"frames: expected the size \(64, 96\) of the first, got \(32, 48\) at 8"):
+    with pytest.raises(
+        ValueError, match=r"frames: expected height 64 and width 96, .* got height 32 and width 48 at 8"
+    ):
         yester.plan([*moving, *frames(1, size=(48, 32))], count=9)
 
 
@@ -507,7 +527,9 @@ def test_shots_by_counting(still):
 def test_shots_of_what_is_no_frame(moving):
     with pytest.raises(TypeError, match=r"frames: expected yester\.Frame, got ndarray at 1"):
         lengths([moving[0], moving[1].color])
-    with pytest.raises(ValueError, match=r"frames: expected the size \(64, 96\) of the first, got \(32, 48\) at 1"):
+    with pytest.raises(
+        ValueError, match=r"frames: expected height 64 and width 96, .* got height 32 and width 48 at 1"
+    ):
         lengths([moving[0], *frames(1, size=(48, 32))])
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -197,6 +198,21 @@ class Frame:
         ['color', 'depth']
         """
         return {name: array for name in BUFFERS if (array := getattr(self, name)) is not None}
+
+
+def alike(frames: Iterable[Frame]) -> Iterator[Frame]:
+    """The frames, of which each must be a `Frame` of the first one's size."""
+    shape: tuple[int, int] | None = None
+    for number, frame in enumerate(frames):
+        if not isinstance(frame, Frame):
+            got = f"{type(frame).__name__} at {number}"
+            raise TypeError(f"frames: expected yester.Frame, got {got}: pass yester.Frame(color) for an image")
+        shape = shape or frame.shape
+        if frame.shape != shape:
+            expected = f"height {shape[0]} and width {shape[1]}, as in earlier frames"
+            got = f"height {frame.height} and width {frame.width} at {number}"
+            raise ValueError(f"frames: expected {expected}, got {got}")
+        yield frame
 
 
 def present(frame: Frame) -> NDArray[np.float32]:

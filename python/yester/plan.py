@@ -21,8 +21,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ._core import SVGF, TAA, Camera, History, Output
-from .frame import BUFFERS, Frame
+from ._core import SVGF, Camera, Output
+from .frame import BUFFERS, Frame, alike
 from .io.files import beside
 from .judge import REPEATS, estimate, found_again, known_motion, repetitions, sums
 
@@ -297,7 +297,7 @@ class Planned:
     def __repr__(self) -> str:
         return f"Planned({self.plan!r})"
 
-    def step(self, frame: Frame, out: Output | None = None, *, later: History | None = None) -> Output:
+    def step(self, frame: Frame, out: Output | None = None) -> Output:
         """Denoise the next frame, as `SVGF.step` does.
 
         Parameters
@@ -305,8 +305,6 @@ class Planned:
         frame : Frame
             The next frame, with all of its buffers: those that the plan leaves out are dropped here.
         out : Output, optional
-            As in `SVGF.step`.
-        later : History, optional
             As in `SVGF.step`.
 
         Returns
@@ -320,65 +318,9 @@ class Planned:
             If one of the sequence's first two frames has a buffer that the plan was not made for, or the second lacks
             one that it was made for. As in `SVGF.step`.
         """
-        output = self._svgf.step(self._planned(frame), out, later=later)
+        output = self._svgf.step(_planned(self.plan, frame, self._steps), out)
         self._steps += 1
         return output
-
-    def recall(self, frame: Frame) -> History:
-        """Go on to the next frame and tell what history expects of it, as `SVGF.recall` does.
-
-        Parameters
-        ----------
-        frame : Frame
-            As for `step`.
-
-        Returns
-        -------
-        History
-            Without the frame's own sample.
-
-        Raises
-        ------
-        ValueError
-            As of `step`.
-        """
-        history = self._svgf.recall(self._planned(frame))
-        self._steps += 1
-        return history
-
-    def split(self, *, both_sides: bool = False) -> tuple[Planned, TAA | None]:
-        """Make the pipeline without its output stage, and the stage, as `SVGF.split` does.
-
-        Parameters
-        ----------
-        both_sides : bool, default False
-            For a stage that runs forwards and backwards.
-
-        Returns
-        -------
-        denoiser : Planned
-            Of the same plan, without antialiasing and without history.
-        stage : TAA or None
-            For the frames with the denoiser's colours.
-        """
-        denoiser = copy.copy(self)
-        denoiser._svgf, stage = self._svgf.split(both_sides=both_sides)
-        return denoiser, stage
-
-    def _planned(self, frame: Frame) -> Frame:
-        """The frame without the buffers that the plan leaves out."""
-        if not isinstance(frame, Frame):
-            raise TypeError(f"frame: expected a yester.Frame, got {type(frame).__name__}")
-        given, planned = _buffers(frame), self.plan.buffers
-        # `denoise` takes the motion to the next frame out when it runs backwards, and adds motion that cameras tell.
-        absent = [name for name in planned if name not in (*given, "motion_next")] if self._steps == 1 else []
-        more = [name for name in given if name not in (*planned, "motion", "motion_next")]
-        # Two frames tell whether the plan is for this sequence; a default that nothing was judged for fits all.
-        known = planned and not self.plan.reason and self._steps < 2
-        if known and (strange := [*absent, *more]):
-            expected, got = ", ".join(planned), ", ".join(given)
-            raise ValueError(f"frame: {strange[0]}: expected the buffers of the plan, {expected}, got {got}")
-        return _lacking(frame, self.plan.without)
 
     def reset(self) -> None:
         """Discard all history; the next frame starts a new sequence."""
@@ -393,6 +335,26 @@ class Planned:
     def __getstate__(self) -> dict[str, Any]:
         """Without history, as of all pipelines: what is unpickled, or copied deeply, starts a new sequence."""
         return {**vars(self), "_steps": 0}
+
+
+def taken_apart(pipeline: Planned, frames: Iterable[Frame]) -> tuple[SVGF, Iterator[Frame]]:
+    """The plan's `SVGF`, and the frames as it gets them."""
+    return pipeline._svgf, (_planned(pipeline.plan, frame, number) for number, frame in enumerate(frames))
+
+
+def _planned(plan: Plan, frame: Frame, number: int) -> Frame:
+    """The frame without the buffers that the plan leaves out; refused if it is of another sequence than the plan's."""
+    if not isinstance(frame, Frame):
+        raise TypeError(f"frame: expected a yester.Frame, got {type(frame).__name__}")
+    # Two frames tell whether the plan is for this sequence; a default that nothing was judged for fits all.
+    if plan.buffers and not plan.reason and number < 2:
+        given = _buffers(frame)
+        # The last frame has no motion to a next one.
+        absent = [name for name in plan.buffers if name not in (*given, "motion_next")] if number == 1 else []
+        if strange := [*absent, *(name for name in given if name not in plan.buffers)]:
+            expected, got = ", ".join(plan.buffers), ", ".join(given)
+            raise ValueError(f"frame: {strange[0]}: expected the buffers of the plan, {expected}, got {got}")
+    return _lacking(frame, plan.without)
 
 
 def split_at_cuts(frames: Iterable[Frame]) -> Iterator[Iterator[Frame]]:
@@ -442,7 +404,7 @@ def split_at_cuts(frames: Iterable[Frame]) -> Iterator[Iterator[Frame]]:
 
     def numbered() -> Iterator[tuple[int, Frame]]:
         number, before, share = 0, None, 0.0
-        for frame in _alike(frames):
+        for frame in alike(frames):
             found = 0.0 if before is None else found_again(before, frame)
             # What is found behind a cut tells nothing of the next one.
             cut = share >= _FOUND and found < _LOST * share
@@ -521,7 +483,7 @@ def plan(frames: Iterable[Frame], *, count: int = PLANNED) -> Plan:
     shape: tuple[int, int] = (0, 0)
     given: dict[str, None] = {}
     windows: list[list[Frame]] = []
-    for frame in _alike(islice(frames, count)):
+    for frame in alike(islice(frames, count)):
         shape = frame.shape
         given.update(dict.fromkeys(_buffers(frame)))
         windows.append([_cropped(frame, *window) for window in _windows(*shape)])
@@ -540,18 +502,6 @@ def plan(frames: Iterable[Frame], *, count: int = PLANNED) -> Plan:
         return _default(buffers, "frames have the noise of the frame before, and cannot judge")
     found = _Planning(shown, buffers, shape).plan()
     return _default(buffers, found) if isinstance(found, str) else found
-
-
-def _alike(frames: Iterable[Frame]) -> Iterator[Frame]:
-    """The frames, of which each must be a `Frame` of the first one's size."""
-    shape: tuple[int, int] | None = None
-    for number, frame in enumerate(frames):
-        if not isinstance(frame, Frame):
-            raise TypeError(f"frames: expected yester.Frame, got {type(frame).__name__} at {number}")
-        shape = shape or frame.shape
-        if frame.shape != shape:
-            raise ValueError(f"frames: expected the size {shape} of the first, got {frame.shape} at {number}")
-        yield frame
 
 
 def _default(buffers: tuple[str, ...], reason: str) -> Plan:

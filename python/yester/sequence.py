@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ._core import SVGF, History, Output, blend, invert_motion
-from .frame import Frame
+from .frame import Frame, alike
 from .judge import still_motion
+from .plan import Planned, taken_apart
 
 __all__ = ["LOOKAHEAD", "denoise"]
 
@@ -141,6 +142,10 @@ def denoise(frames: Iterable[Frame], pipeline: _Steps | None = None, lookahead: 
     pipeline = SVGF() if pipeline is None else copy.copy(pipeline)
     if ahead == 0:
         return map(pipeline.step, frames)
+    frames = alike(frames)
+    if isinstance(pipeline, Planned):
+        # Nothing else here may use a buffer that the plan leaves out.
+        pipeline, frames = taken_apart(pipeline, frames)
     known = _knowing_next(frames)
     if not isinstance(pipeline, _Recalls):
         return _averaged(known, pipeline, ahead)
@@ -164,15 +169,8 @@ def _joining(frames: Iterator[Frame], pipeline: _Recalls, lookahead: int) -> Ite
 def _knowing_next(frames: Iterable[Frame]) -> Iterator[Frame]:
     """Add `motion_next` to every frame but the last, if it is known or can be computed."""
     warned, before = False, None
-    for number, frame in enumerate(frames):
-        if not isinstance(frame, Frame):
-            got = f"{type(frame).__name__} at {number}"
-            raise TypeError(f"frames: expected yester.Frame, got {got}: pass yester.Frame(color) for an image")
+    for frame in frames:
         if before is not None:
-            if frame.shape != before.shape:
-                (height, width), (own, across) = before.shape, frame.shape
-                expected = f"height {height} and width {width}, as in earlier frames"
-                raise ValueError(f"frames: expected {expected}, got height {own} and width {across}")
             motion = _motion_next(before, frame)
             if motion is None and not warned:
                 warned = True
