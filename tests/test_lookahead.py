@@ -12,6 +12,7 @@ import pytest
 import yester
 from compare import assert_close, assert_same_bits
 from yester import Frame
+from yester.metrics import relmse
 
 NAMES = ("color", "variance", "choice", "history_length", "confidence", "rejection")
 #: Pipelines that join histories, with their compositions of public kernels.
@@ -312,6 +313,25 @@ def test_the_reversed_sequence_is_as_good():
     back = [output.color for output in yester.denoise(given[::-1])][::-1]
     apart = np.mean([(one - other) ** 2 for one, other in zip(there, back, strict=True)])
     assert apart < 0.1 * np.mean([(one - truth) ** 2 for one in there])
+
+
+def test_the_mean_of_a_still_scene_is_as_good_as_one_sided():
+    """The output stage does not take the noise that a mean keeps for detail.
+
+    Measured: 1.2 times the error of `step`; with an output stage in all frames, 5.6 times.
+    """
+    rng, camera = np.random.default_rng(1), still(1)[0].camera
+    given = []
+    for offset in rng.uniform(-0.5, 0.5, (48, 2)):
+        buffers = composed.sample(camera, tuple(offset))
+        buffers["color"] = buffers["color"] * rng.gamma(1, 1, (*buffers["depth"].shape, 1))
+        given.append(without(Frame(**buffers), "motion"))
+    pipeline, truth = yester.SVGF(average_still=True), composed.supersampled(camera)
+    both, one = (
+        np.mean([relmse(output.color, truth) for output in outputs][32:])
+        for outputs in (yester.denoise(given, pipeline), map(pipeline.step, given))
+    )
+    assert both < 1.5 * one
 
 
 @pytest.mark.parametrize("light", [1000, 10_000])

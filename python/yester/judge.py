@@ -187,6 +187,15 @@ def known_motion(before: Frame, frame: Frame) -> NDArray[np.float32] | None:
     return still_motion(frame, before.camera) if frame.motion is None else frame.motion
 
 
+def rests(before: Frame, frame: Frame) -> bool:
+    """Whether neither the camera nor anything else moves, as the pipelines decide it; without motion, cameras tell."""
+    if before.camera != frame.camera:
+        return False
+    if frame.motion is None:
+        return frame.camera is not None
+    return not (np.abs(frame.motion[..., :2]) > 1e-3).any()
+
+
 def _fetched_along(before: Frame, frame: Frame) -> NDArray[np.float32]:
     """The known motion; zero where there is none: the pipelines then fetch in place."""
     motion = known_motion(before, frame)

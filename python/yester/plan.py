@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from ._core import SVGF, Camera, Output
 from .frame import BUFFERS, Frame, alike
 from .io.files import beside
-from .judge import REPEATS, estimate, found_again, known_motion, repetitions, sums
+from .judge import REPEATS, estimate, found_again, repetitions, rests, sums
 
 __all__ = ["PLANNED", "Plan", "Planned", "Stage", "plan", "split_at_cuts"]
 
@@ -662,11 +662,7 @@ class _Planning:
 
     def static(self, trial: _Trial) -> bool:
         """Whether camera, scene and light stand still: motion is zero, and history hardly ever cut short."""
-        pairs = [pair for window in self.windows for pair in pairwise(window)]
-        moves = (known_motion(before, frame) for before, frame in pairs)
-        still = all(before.camera == frame.camera for before, frame in pairs) and all(
-            motion is not None and not (np.abs(motion) > 1e-3).any() for motion in moves
-        )
+        still = all(rests(*pair) for window in self.windows for pair in pairwise(window))
         lengths = [self.run(number, trial).length for number in range(len(self.windows))]
         # By default, the longest history has 1 / alpha = 5 samples.
         return still and float(np.mean(lengths)) >= _CONSTANT * min(len(self.windows[0]), 5)

@@ -10,14 +10,14 @@ from dataclasses import replace
 from functools import partial
 from itertools import chain
 from operator import index
-from typing import Any, Protocol, TypeVar, runtime_checkable
+from typing import Any, NamedTuple, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ._core import SVGF, History, Output, blend, invert_motion
 from .frame import Frame, alike
-from .judge import still_motion
+from .judge import rests, still_motion
 from .plan import Planned, taken_apart
 
 __all__ = ["LOOKAHEAD", "denoise"]
@@ -30,6 +30,9 @@ LOOKAHEAD = 3
 _CHUNK = 5
 #: Buffers beside depth that guide a denoiser. Its output stage asks only whether it had any.
 _GUIDES = ("albedo", "normal", "ids")
+#: Frames at rest after which the output stage gives way to the mean of their samples, where a pipeline shows it, and
+#: over how many. Before, the mean alone has more error.
+_SETTLED, _FADE = 16, 16
 
 
 class _Steps(Protocol):
@@ -109,7 +112,8 @@ def denoise(frames: Iterable[Frame], pipeline: _Steps | None = None, lookahead: 
     -----
     `SVGF` and `HalfRes` join the histories of both sides before they filter, by their lengths, and the frame's sample
     counts once (`SVGF.recall`, `combine_histories`). Each side holds down fireflies that the other does not confirm.
-    Their output stage then runs over the results in both directions. Of other pipelines, and of the stage, the results
+    Their output stage then runs over the results in both directions; where ``SVGF(average_still=True)`` averages, it
+    gives way to the mean from the 16th to the 32nd frame at rest. Of other pipelines, and of the stage, the results
     of both directions are averaged, weighted by history length, pixel by pixel: something that has just come into view
     has most of its light from the frames in which it stays. A side without confidence anywhere, at an end of the
     sequence or at a cut, does not count.
@@ -163,7 +167,16 @@ def _joining(frames: Iterator[Frame], pipeline: _Recalls, lookahead: int) -> Ite
     if stage is None:
         yield from (output for _, output, _ in joined)
     else:
-        yield from _finished(joined, stage, lookahead)
+        yield from _finished(joined, stage, lookahead, averages=_averages_still(pipeline))
+
+
+def _averages_still(pipeline: _Recalls) -> bool:
+    """Whether the pipeline shows the mean of all samples while nothing moves, as the arguments tell that copies get."""
+    if not isinstance(pipeline, SVGF):
+        return False
+    made: Any = pipeline.__reduce__()
+    given = made[0].keywords
+    return bool(given.get("average_still") and given.get("choice", True))
 
 
 def _knowing_next(frames: Iterable[Frame]) -> Iterator[Frame]:
@@ -276,12 +289,25 @@ def _averaged(frames: Iterator[Frame], pipeline: _Steps, lookahead: int) -> Iter
             yield forward if backward is None else _average(forward, backward)
 
 
+class _Denoised(NamedTuple):
+    """A frame for the output stage."""
+
+    #: With the denoised colour.
+    frame: Frame
+    samples: NDArray[np.float32]
+    #: Of the denoiser.
+    output: Output
+    #: How much of the denoised colour is shown as it is.
+    settled: float
+
+
 def _finished(
-    joined: Iterator[tuple[Frame, Output, History | None]], stage: _Stage, lookahead: int
+    joined: Iterator[tuple[Frame, Output, History | None]], stage: _Stage, lookahead: int, *, averages: bool
 ) -> Iterator[Output]:
     """Yield the outputs with colours from the output stage, which also gets samples and confidence."""
 
-    def shown() -> Iterator[tuple[Frame, NDArray[np.float32], Output]]:
+    def shown() -> Iterator[_Denoised]:
+        before, rested = None, 0
         for frame, output, later in joined:
             places: dict[str, Any] = {"depth": frame.depth, "position": frame.position, "jitter": frame.jitter}
             motion, following = (None if known is None else known.motion for known in (output, later))
@@ -290,24 +316,31 @@ def _finished(
             if any(getattr(frame, name) is not None for name in _GUIDES):
                 # As if all were one surface: a whole window of frames would hold gigabytes of guides.
                 places["ids"] = np.broadcast_to(np.uint32(0), frame.shape)
-            yield Frame(output.color, **places, camera=frame.camera), frame.color, output
+            # A frame with replay is not averaged.
+            still = averages and before is not None and frame.replay is None and rests(before, frame)
+            before, rested = frame, rested + 1 if still else 0
+            # The noise of a mean lasts: a frame's samples would take it for detail.
+            samples = frame.color if rested < _SETTLED else np.broadcast_to(np.float32(np.nan), frame.color.shape)
+            settled = min(max(rested - _SETTLED, 0) / _FADE, 1.0)
+            yield _Denoised(Frame(output.color, **places, camera=frame.camera), samples, output, settled)
 
-    def look(
-        window: list[tuple[Frame, NDArray[np.float32], Output]], back: _Stage, frame: Frame, number: int
-    ) -> Output:
-        _, samples, output = window[number]
+    def look(window: list[_Denoised], back: _Stage, frame: Frame, number: int) -> Output:
+        _, samples, output, _ = window[number]
         return back.step(frame, samples=samples, confidence=output.confidence)
 
-    for window, ready in _chunks(shown(), lookahead, lambda item: _alone(item[0])):
-        results = _backwards([frame for frame, _, _ in window], stage, partial(look, window))
+    for window, ready in _chunks(shown(), lookahead, lambda item: _alone(item.frame)):
+        results = _backwards([item.frame for item in window], stage, partial(look, window))
         del results[: len(window) - ready]
-        for frame, noisy, output in window[:ready]:
-            finished = stage.step(frame, samples=noisy, confidence=output.confidence)
+        for frame, samples, output, settled in window[:ready]:
+            finished = stage.step(frame, samples=samples, confidence=output.confidence)
             backward = results.pop()
             if backward is not None:
                 finished = _average(finished, backward)
+            color = finished.color
+            if settled:
+                color = color + np.float32(settled) * (output.color - color)
             yield Output(
-                finished.color,
+                color,
                 output.history_length,
                 output.confidence,
                 output.rejection,

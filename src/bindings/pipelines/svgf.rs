@@ -333,7 +333,8 @@ impl SVGF {
     /// Make the pipeline without its output stage, and the stage.
     ///
     /// Both are without history. One after the other, they give the results of the whole, if the stage gets the frame's
-    /// colour as `samples`, and the `motion` and `confidence` of the denoiser's output.
+    /// colour as `samples`, and the `motion` and `confidence` of the denoiser's output. Not with `average_still`: the
+    /// whole shows the mean of a scene at rest after the stage, which would add noise to it.
     ///
     /// Parameters
     /// ----------
