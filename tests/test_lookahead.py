@@ -3,6 +3,7 @@
 import copy
 import pickle
 import warnings
+from dataclasses import replace
 from itertools import cycle, islice
 from types import SimpleNamespace
 
@@ -85,7 +86,7 @@ def backwards(given: list[Frame], look) -> list:
 def averaged(given: list[Frame], pipeline) -> list:
     back = copy.copy(pipeline)
     later = backwards(given, back.step)
-    return [average(pipeline.step(frame), other) for frame, other in zip(given, later, strict=True)]
+    return [average(pipeline.step(frame), other, frame.color) for frame, other in zip(given, later, strict=True)]
 
 
 def joined(given: list[Frame], forward, back) -> list:
@@ -110,7 +111,7 @@ def finish(stage: yester.TAA, output, frame: Frame, motion):
     return stage.step(Frame(output.color, motion=motion, **places), **known)
 
 
-def average(one, other) -> SimpleNamespace:
+def average(one, other, samples) -> SimpleNamespace:
     """Average weighted by history length; a side that knows only this frame does not count."""
     if not (one.confidence.any() and other.confidence.any()):
         return one if one.confidence.any() or not other.confidence.any() else other
@@ -118,11 +119,12 @@ def average(one, other) -> SimpleNamespace:
     total = ahead + behind
     with np.errstate(invalid="ignore"):
         share = np.where(total > 0, ahead / total, np.float32(0.5))
+    shared = np.isfinite(samples).all(-1) if samples.shape == one.color.shape else 1
     return SimpleNamespace(
         color=yester.blend(one.color, other.color, share),
         variance=None if one.variance is None else share**2 * one.variance + (1 - share) ** 2 * other.variance,
         choice=None if one.choice is None else other.choice + share * (one.choice - other.choice),
-        history_length=np.where((ahead > 0) & (behind > 0), total - 1, total),
+        history_length=np.maximum(total - shared, np.maximum(ahead, behind)).astype(np.float32),
         confidence=np.maximum(one.confidence, other.confidence),
         rejection=one.rejection & other.rejection,
     )
@@ -147,6 +149,18 @@ def test_it_is_the_average_of_both_directions(name):
         same(got, want)
 
 
+def test_a_sample_counts_once():
+    """Where there is one; of an upscaler, no pixel has fewer than from one side."""
+    color, lost = np.ones((12, 16, 3), np.float32), np.arange(16) == 5
+    given = [Frame(color, motion=np.zeros((12, 16, 2)))] * 3
+    given[1] = replace(given[1], color=np.where(lost[:, None], np.nan, color))
+    for output in yester.denoise(given, yester.TAA()):
+        np.testing.assert_array_equal(output.history_length, np.broadcast_to(3 - lost, (12, 16)))
+    upscaler = yester.Upscaler(2.0)
+    for output, frame in zip(yester.denoise(given, upscaler), given, strict=True):
+        assert (output.history_length >= upscaler.step(frame).history_length).all()
+
+
 @pytest.mark.parametrize("name", JOINING)
 def test_histories_join_before_the_filter(name):
     """Bit for bit as the public kernels; then the output stage runs in both directions."""
@@ -157,13 +171,14 @@ def test_histories_join_before_the_filter(name):
         _, stage = make(**named).split(both_sides=True)
         back = copy.copy(stage)
         finished = [
-            average(one, other)
-            for one, other in zip(
+            average(one, other, frame.color)
+            for one, other, frame in zip(
                 [finish(stage, *each, forward(*each)) for each in zip(want, given, strict=True)],
                 [
                     finish(back, output, frame, frame.motion if output.motion_next is None else output.motion_next)
                     for output, frame in zip(want[::-1], turned(given), strict=True)
                 ][::-1],
+                given,
                 strict=True,
             )
         ]

@@ -286,7 +286,7 @@ def _averaged(frames: Iterator[Frame], pipeline: _Steps, lookahead: int) -> Iter
         del results[: len(window) - ready]
         for frame in window[:ready]:
             forward, backward = pipeline.step(frame), results.pop()
-            yield forward if backward is None else _average(forward, backward)
+            yield forward if backward is None else _average(forward, backward, frame.color)
 
 
 class _Denoised(NamedTuple):
@@ -335,7 +335,7 @@ def _finished(
             finished = stage.step(frame, samples=samples, confidence=output.confidence)
             backward = results.pop()
             if backward is not None:
-                finished = _average(finished, backward)
+                finished = _average(finished, backward, samples)
             color = finished.color
             if settled:
                 color = color + np.float32(settled) * (output.color - color)
@@ -351,7 +351,8 @@ def _finished(
             )
 
 
-def _average(forward: Output, backward: Output) -> Output:
+def _average(forward: Output, backward: Output, samples: NDArray[np.float32]) -> Output:
+    """The mean of the results from both sides, which share the frame's samples."""
     if not backward.confidence.any():
         return forward
     if not forward.confidence.any():
@@ -363,13 +364,14 @@ def _average(forward: Output, backward: Output) -> Output:
     def mean(one: NDArray[np.float32] | None, other: NDArray[np.float32] | None) -> NDArray[np.float32] | None:
         return None if one is None or other is None else other + share * (one - other)
 
+    # An output pixel of `Upscaler` may have less than one.
+    shared = np.isfinite(samples).all(-1) if samples.shape == forward.color.shape else np.float32(1)
     variance = None
     if forward.variance is not None and backward.variance is not None:
         variance = share**2 * forward.variance + (1 - share) ** 2 * backward.variance
     return Output(
         blend(forward.color, backward.color, share),
-        # Both sides count the new sample.
-        np.where((ahead > 0) & (behind > 0), total - 1, total),
+        np.maximum(total - shared, np.maximum(ahead, behind)),
         np.maximum(forward.confidence, backward.confidence),
         forward.rejection & backward.rejection,
         variance=variance,
