@@ -4,7 +4,7 @@ import copy
 import pickle
 import warnings
 from dataclasses import replace
-from itertools import cycle, islice
+from itertools import cycle, islice, pairwise
 from types import SimpleNamespace
 
 import composed
@@ -386,6 +386,23 @@ def test_given_motion_to_the_next_frame_is_used():
     told = [Frame(**frame.buffers(), motion_next=away, camera=frame.camera) for frame in given]
     lengths = [np.mean([output.history_length.mean() for output in yester.denoise(each)]) for each in (given, told)]
     assert lengths[0] > lengths[1] + 1
+
+
+@pytest.mark.parametrize("pipeline", [yester.SVGF(), yester.TAA()], ids=["SVGF", "TAA"])
+@pytest.mark.parametrize("wrong", ["motion", "motion_next"])
+def test_wrong_motion_is_named_once(pipeline, wrong):
+    """Over several chunks, by which of the two it is."""
+    given = frames(12, holes=False)
+    given[:-1] = [
+        replace(frame, motion_next=yester.invert_motion(following.motion, following.depth))
+        for frame, following in pairwise(given)
+    ]
+    given[:-1] = [replace(frame, **{wrong: -getattr(frame, wrong)}) for frame in given[:-1]]
+    with pytest.warns(UserWarning, match="motion") as caught:
+        list(yester.denoise(given, pipeline, lookahead=1))
+    assert [str(each.message).split(" minus")[0] for each in caught] == [
+        "motion: expected previous" if wrong == "motion" else "motion_next: expected next"
+    ]
 
 
 @pytest.mark.parametrize("place", range(1, 6))

@@ -6,6 +6,7 @@ import copy
 import inspect
 import warnings
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from functools import partial
 from itertools import chain
@@ -15,7 +16,7 @@ from typing import Any, NamedTuple, Protocol, TypeVar, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from ._core import SVGF, History, Output, blend, invert_motion
+from ._core import SVGF, TAA, History, Output, blend, invert_motion
 from .frame import Frame, alike
 from .judge import rests, still_motion
 from .plan import Planned, taken_apart
@@ -181,9 +182,12 @@ def _averages_still(pipeline: _Recalls) -> bool:
 
 def _knowing_next(frames: Iterable[Frame]) -> Iterator[Frame]:
     """Add `motion_next` to every frame but the last, if it is known or can be computed."""
-    warned, before = False, None
+    warned, checked, before = False, False, None
     for frame in frames:
         if before is not None:
+            if before.motion_next is not None and not checked:
+                checked = True
+                _check_next(before, frame)
             motion = _motion_next(before, frame)
             if motion is None and not warned:
                 warned = True
@@ -193,6 +197,26 @@ def _knowing_next(frames: Iterable[Frame]) -> Iterator[Frame]:
         before = frame
     if before is not None:
         yield replace(before, motion_next=None)
+
+
+def _check_next(frame: Frame, following: Frame) -> None:
+    """Warn if `motion_next` seems to have another convention, as pipelines warn of `motion`."""
+    pipeline = TAA("textbook")
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        for turned in (replace(following, motion_next=None), frame):
+            pipeline.step(_turned(turned))
+    for each in caught:
+        found = str(each.message).replace("motion:", "motion_next:").replace("previous", "next")
+        warnings.warn(found, stacklevel=_outside())
+
+
+@contextmanager
+def _unchecked() -> Iterator[None]:
+    """Steps of backward runs and output stages, whose motion has been checked, do not warn of it again."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "motion: expected", UserWarning)
+        yield
 
 
 def _outside() -> int:
@@ -261,8 +285,11 @@ def _backwards(
         else:
             if back is None:
                 back = copy.copy(pipeline)
-                look(back, _turned(replace(following, motion_next=None)), number + 1)
-            results.append(look(back, _turned(frame), number))
+                with _unchecked():
+                    look(back, _turned(replace(following, motion_next=None)), number + 1)
+                    results.append(look(back, _turned(frame), number))
+            else:
+                results.append(look(back, _turned(frame), number))
         following = frame
     return results
 
@@ -328,11 +355,14 @@ def _finished(
         _, samples, output, _ = window[number]
         return back.step(frame, samples=samples, confidence=output.confidence)
 
+    done = 0
     for window, ready in _chunks(shown(), lookahead, lambda item: _alone(item.frame)):
         results = _backwards([item.frame for item in window], stage, partial(look, window))
         del results[: len(window) - ready]
         for frame, samples, output, settled in window[:ready]:
-            finished = stage.step(frame, samples=samples, confidence=output.confidence)
+            with _unchecked() if done == 1 else nullcontext():
+                finished = stage.step(frame, samples=samples, confidence=output.confidence)
+            done += 1
             backward = results.pop()
             if backward is not None:
                 finished = _average(finished, backward, samples)
