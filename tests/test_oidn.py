@@ -99,6 +99,16 @@ def test_noise_that_repeats_does_not_choose():
         assert_same_bits(chooses.step(still).color, other.step(still).color)
 
 
+def test_one_array_may_hold_every_frame():
+    """Without albedo, too, where a frame's light is its colour."""
+    given = [yester.Frame(frame.color, motion=frame.motion) for frame, _ in frames(4)]
+    oidn, other = (yester.OIDN("fast", temporal=True) for _ in range(2))
+    held = np.empty_like(given[0].color)
+    for frame in given:
+        held[:] = frame.color
+        assert_same_bits(oidn.step(yester.Frame(held, motion=frame.motion)).color, other.step(frame).color)
+
+
 def test_time_steadies_it():
     """On a static scene its output flickers less and has less error."""
     still = next(iter(frames(1)))

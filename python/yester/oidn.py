@@ -260,7 +260,8 @@ class _Mixture:
 
     def _repeats(self, frame: Frame, motion: NDArray[np.float32] | None) -> bool:
         """Whether the noise is that of the frame before, which it would predict best of all."""
-        before, self._light = self._light, light(frame)
+        # A copy: it may be the caller's array, into which the next frame is written.
+        before, self._light = self._light, light(frame).copy()
         if before is None or motion is None:
             return False
         found, self._deviation = repetition(self._light, before, motion, self._deviation)
