@@ -154,8 +154,8 @@ def test_out(temporal):
             assert_same_bits(getattr(out, name), getattr(want, name))
             assert before is None or getattr(out, name) is getattr(before, name)
     small = yester.Frame(np.ones((5, 7, 3), np.float32))
-    for wrong in (yester.SVGF().step(frame), yester.TAA().step(small)):
-        with pytest.raises(ValueError, match=r"^out: expected .*\(64, 96, 3\)"):
+    for wrong, got in ((yester.SVGF().step(frame), "with variance"), (yester.TAA().step(small), "without variance")):
+        with pytest.raises(ValueError, match=rf"^out: expected .*\(64, 96, 3\), got one {got}"):
             oidn.step(frame, out=wrong)
 
 

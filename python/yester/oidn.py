@@ -148,7 +148,8 @@ class OIDN(Pipeline):
             raise TypeError(f"out: expected a yester.Output, got {type(out).__name__}")
         if out is not None and (out.variance is not None or out.color.shape != frame.color.shape):
             expected = f"one of this pipeline with color of shape {frame.color.shape}"
-            raise ValueError(f"out: expected {expected}, got one of shape {out.color.shape}")
+            got = f"one {'with' if out.variance is not None else 'without'} variance, of shape {out.color.shape}"
+            raise ValueError(f"out: expected {expected}, got {got}")
         names = ("color", "history_length", "confidence", "rejection")
         kept = {} if out is None else {name: getattr(out, name) for name in names}
         for name, array in kept.items():
