@@ -161,6 +161,14 @@ def test_a_sample_counts_once():
         assert (output.history_length >= upscaler.step(frame).history_length).all()
 
 
+@pytest.mark.parametrize("pipeline", [yester.SVGF(), yester.SVGF(antialias=False), yester.BMFR()], ids=repr)
+def test_buffers_that_only_later_frames_use_are_told(pipeline):
+    """The first frame has no earlier camera from which motion would be computed."""
+    first, *_ = yester.denoise(still(3), pipeline)
+    assert "camera" in first.used
+    assert len({*first.used}) == len(first.used)
+
+
 @pytest.mark.parametrize("name", JOINING)
 def test_histories_join_before_the_filter(name):
     """Bit for bit as the public kernels; then the output stage runs in both directions."""

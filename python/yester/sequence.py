@@ -88,7 +88,8 @@ def denoise(frames: Iterable[Frame], pipeline: _Steps | None = None, lookahead: 
     -------
     iterator of Output
         One for each frame, made as it is asked for. `history_length` counts the samples of both sides; `confidence` is
-        the larger one; `rejection` has the tests that failed on both sides; `missing` is that of the frame.
+        the larger one; `rejection` has the tests that failed on both sides; `missing` is that of the frame. `used` has
+        the buffers of both sides, with "motion" also for that to the next frame, given or computed.
 
     Raises
     ------
@@ -303,7 +304,11 @@ def _joined(
         del histories[: len(window) - ready]
         for frame in window[:ready]:
             later = histories.pop()
-            yield frame, pipeline.step(frame, later=later), later
+            output = pipeline.step(frame, later=later)
+            if later is not None and later.confidence.any():
+                parts, named = output.__getnewargs_ex__()
+                output = Output(*parts, **named | {"used": _both(output.used, later.used)})
+            yield frame, output, later
 
 
 def _averaged(frames: Iterator[Frame], pipeline: _Steps, lookahead: int) -> Iterator[Output]:
@@ -381,6 +386,10 @@ def _finished(
             )
 
 
+def _both(used: Iterable[str], others: Iterable[str]) -> tuple[str, ...]:
+    return tuple(dict.fromkeys([*used, *others]))
+
+
 def _average(forward: Output, backward: Output, samples: NDArray[np.float32]) -> Output:
     """The mean of the results from both sides, which share the frame's samples."""
     if not backward.confidence.any():
@@ -406,6 +415,6 @@ def _average(forward: Output, backward: Output, samples: NDArray[np.float32]) ->
         forward.rejection & backward.rejection,
         variance=variance,
         choice=mean(forward.choice, backward.choice),
-        used=tuple(dict.fromkeys([*forward.used, *backward.used])),
+        used=_both(forward.used, backward.used),
         missing=forward.missing,
     )
