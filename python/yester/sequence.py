@@ -31,6 +31,8 @@ LOOKAHEAD = 3
 _CHUNK = 5
 #: Buffers beside depth that guide a denoiser. Its output stage asks only whether it had any.
 _GUIDES = ("albedo", "normal", "ids")
+#: A cut: mean confidence of the later frames, relative to that of both sides.
+_LOST = 0.25
 #: Frames at rest after which the output stage gives way to the mean of their samples, where a pipeline shows it, and
 #: over how many. Before, the mean alone has more error.
 _SETTLED, _FADE = 16, 16
@@ -118,7 +120,9 @@ def denoise(frames: Iterable[Frame], pipeline: _Steps | None = None, lookahead: 
     gives way to the mean from the 16th to the 32nd frame at rest. Of other pipelines, and of the stage, the results
     of both directions are averaged, weighted by history length, pixel by pixel: something that has just come into view
     has most of its light from the frames in which it stays. A side without confidence anywhere, at an end of the
-    sequence or at a cut, does not count.
+    sequence or at a cut, does not count. Pixels of another shot that pass the tests of the surface still mix in:
+    `split_at_cuts` separates shots. The output stage takes it for a cut if the later frames' confidence is in the mean
+    less than a quarter of that of both sides. It then shortens all history from beyond that its clipping changes.
 
     The sequence is worked on in chunks of ``5 * lookahead`` frames, each of which begins backwards `lookahead` frames
     behind its end. A chunk ends early at a frame from which no motion leads to the next one. At most
@@ -329,6 +333,9 @@ class _Denoised(NamedTuple):
     samples: NDArray[np.float32]
     #: Of the denoiser.
     output: Output
+    #: Whether a cut comes before it, and after it.
+    begins: bool
+    ends: bool
     #: How much of the denoised colour is shown as it is.
     settled: float
 
@@ -338,11 +345,11 @@ def _finished(
 ) -> Iterator[Output]:
     """Yield the outputs with colours from the output stage, which also gets samples and confidence."""
 
-    def shown() -> Iterator[_Denoised]:
-        before, rested = None, 0
+    def denoised() -> Iterator[_Denoised]:
+        before, rested, ends = None, 0, False
         for frame, output, later in joined:
             places: dict[str, Any] = {"depth": frame.depth, "position": frame.position, "jitter": frame.jitter}
-            motion, following = (None if known is None else known.motion for known in (output, later))
+            motion, following = output.motion, None if later is None else later.motion
             places["motion"] = frame.motion if motion is None else motion
             places["motion_next"] = frame.motion_next if following is None else following
             if any(getattr(frame, name) is not None for name in _GUIDES):
@@ -351,22 +358,24 @@ def _finished(
             # A frame with replay is not averaged.
             still = averages and before is not None and frame.replay is None and rests(before, frame)
             before, rested = frame, rested + 1 if still else 0
+            begins, ends = ends, later is not None and later.confidence.mean() < _LOST * output.confidence.mean()
             # The noise of a mean lasts: a frame's samples would take it for detail.
             samples = frame.color if rested < _SETTLED else np.broadcast_to(np.float32(np.nan), frame.color.shape)
             settled = min(max(rested - _SETTLED, 0) / _FADE, 1.0)
-            yield _Denoised(Frame(output.color, **places, camera=frame.camera), samples, output, settled)
+            shown = Frame(output.color, **places, camera=frame.camera)
+            yield _Denoised(shown, samples, output, begins, ends, settled)
 
     def look(window: list[_Denoised], back: _Stage, frame: Frame, number: int) -> Output:
-        _, samples, output, _ = window[number]
-        return back.step(frame, samples=samples, confidence=output.confidence)
+        _, samples, output, _, ends, _ = window[number]
+        return back.step(frame, samples=samples, confidence=_unless(ends, output.confidence))
 
     done = 0
-    for window, ready in _chunks(shown(), lookahead, lambda item: _alone(item.frame)):
+    for window, ready in _chunks(denoised(), lookahead, lambda item: _alone(item.frame)):
         results = _backwards([item.frame for item in window], stage, partial(look, window))
         del results[: len(window) - ready]
-        for frame, samples, output, settled in window[:ready]:
+        for frame, samples, output, begins, _, settled in window[:ready]:
             with _unchecked() if done == 1 else nullcontext():
-                finished = stage.step(frame, samples=samples, confidence=output.confidence)
+                finished = stage.step(frame, samples=samples, confidence=_unless(begins, output.confidence))
             done += 1
             backward = results.pop()
             if backward is not None:
@@ -384,6 +393,11 @@ def _finished(
                 used=output.used,
                 missing=output.missing,
             )
+
+
+def _unless(cut: bool, confidence: NDArray[np.float32]) -> NDArray[np.float32]:
+    """The confidence of both sides for a stage that runs from one side; 0 if a cut is there."""
+    return np.zeros_like(confidence) if cut else confidence
 
 
 def _both(used: Iterable[str], others: Iterable[str]) -> tuple[str, ...]:
