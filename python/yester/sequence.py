@@ -123,6 +123,7 @@ def denoise(frames: Iterable[Frame], pipeline: _Steps | None = None, lookahead: 
     sequence or at a cut, does not count. Pixels of another shot that pass the tests of the surface still mix in:
     `split_at_cuts` separates shots. The output stage takes it for a cut if the later frames' confidence is in the mean
     less than a quarter of that of both sides. It then shortens all history from beyond that its clipping changes.
+    If no motion leads from the first frame to the second, the stage is that of `step` for all frames.
 
     The sequence is worked on in chunks of ``5 * lookahead`` frames, each of which begins backwards `lookahead` frames
     behind its end. A chunk ends early at a frame from which no motion leads to the next one. At most
@@ -167,7 +168,8 @@ def _joining(frames: Iterator[Frame], pipeline: _Recalls, lookahead: int) -> Ite
     first = next(frames, None)
     if first is None:
         return
-    # Frames that no motion connects are denoised by the earlier ones alone.
+    # Frames that no motion connects are denoised by the earlier ones alone. The first tells for all: a stage has one
+    # history, and its parameters stay.
     denoiser, stage = pipeline.split(both_sides=not _alone(first))
     joined = _joined(chain([first], frames), denoiser, lookahead)
     if stage is None:
