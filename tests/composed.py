@@ -282,7 +282,7 @@ def shorten_others(length, old, clipped, color, bright) -> NDArray:
 
 
 def antialias(
-    settings: dict, history, color, motion, depth, still=None, tests=None, others=None
+    settings: dict, history, color, motion, depth, still=None, tests=None, others=None, lag=None
 ) -> tuple[list, NDArray, NDArray]:
     """The history merged with one more colour: colour and length, the old history's coverage and rejection."""
     tests, change, memory = tests or {}, None, None
@@ -312,6 +312,8 @@ def antialias(
                 for new, image in zip(found[0], (old, length), strict=True)
             )
             coverage = np.where(taken, found[1], coverage)
+    if lag is not None:
+        old = catch_up(old, color, *lag)
     among = {name: settings[name] for name in ("box", "gamma", "window", "space", "response")}
     bright = yester.exposure(color)
     clipped, kept = yester.clip_history(old, color, exposure=bright, **among), []
@@ -338,6 +340,32 @@ def antialias(
     blended = yester.blend(color, clipped, share, exposure=brighter * bright, **weights)
     present = np.isfinite(color).all(-1)
     return [blended, np.where(present, counted, length), *kept], coverage, rejection
+
+
+def comparable(frame: yester.Frame, known: NDArray, coverage: NDArray, others: NDArray | None) -> NDArray[np.float32]:
+    """A reprojected history; NaN where samples are not to be compared with it."""
+    shines = np.zeros(coverage.shape, bool)
+    if frame.emission is not None:
+        shines |= (frame.emission > 0).any(-1)
+    if frame.depth is not None:
+        shines |= ~np.isfinite(frame.depth)
+    around = np.pad(shines, 1)
+    height, width = shines.shape
+    for dy in range(3):
+        for dx in range(3):
+            shines = shines | around[dy : dy + height, dx : dx + width]
+    left_out = shines | (coverage <= np.float32(0.9))
+    if others is not None:
+        left_out |= others
+    return np.where(left_out[..., None], np.float32(np.nan), known)
+
+
+def catch_up(old: NDArray, color: NDArray, known: NDArray, found: NDArray) -> NDArray[np.float32]:
+    """A history corrected where it is known, no further than to the new colour."""
+    with np.errstate(invalid="ignore"):
+        corrected = np.clip(correct(old, found), np.minimum(old, color), np.maximum(old, color))
+    compared = np.isfinite(known).all(-1) & np.isfinite(color).all(-1)
+    return np.where(compared[..., None] & corrected_runs(found), corrected, old)
 
 
 class TAA:
@@ -649,7 +677,8 @@ class SVGF:
         self.passes, self.stage = 3, {**PRESETS["denoised"], "choice": choice}
         self.stage["unguided_alpha"] = 0.0 if average_still else 0.5
         self.stage["guided_exposure"] *= not average_still
-        self.before = self.antialiased = self.mirrored = self.evidence = self.lag = self.mixing = self.trust = None
+        self.before = self.antialiased = self.mirrored = self.mixing = self.trust = None
+        self.evidence = self.lag = self.rest = None
         self.chooses, self.choice, self.coherence = choice, None, coherence
         self.choice_with_albedo, self.strictness, self.fewest, self.settled = True, 0.5, 2.5, 3.5
         self.noise, self.repeats = Noise(), False
@@ -828,14 +857,14 @@ class SVGF:
         self.expects_replay = self.before is None or frame.replay is not None
         self.before = frame
         if not shows:
-            self.antialiased = self.lag = self.mixing = None
+            self.antialiased = self.lag = self.rest = self.mixing = None
             names = "color", "moments", "history_length"
             known = dict(zip(names, recalled, strict=True))
             return SimpleNamespace(**known, confidence=confidence, rejection=rejection, motion=seen[..., :2])
-        if later is not None:
-            confidence, rejection = np.maximum(confidence, later.confidence), rejection & later.rejection
         if self.antialias:
             final = self.finish(self.stage, final, frame, seen, still, confidence <= 0)
+        if later is not None:
+            confidence, rejection = np.maximum(confidence, later.confidence), rejection & later.rejection
         if averages:
             final = self.settle(blacken(final), frame, motion)
         return SimpleNamespace(
@@ -860,13 +889,20 @@ class SVGF:
                 if self.mixing is not None:
                     self.mixing.scale(change)
         about = {"still": still, "others": others}
+        if self.innovation and before is not None:
+            (known, length), coverage = yester.reproject(before[:2], motion, fallback=False)
+            known = comparable(frame, known, coverage, others)
+            asks = {"evidence": self.lag, "motion": motion, "exposure": yester.exposure(color)}
+            asks |= {"strictness": 4, "share": 0.7}
+            found, self.lag = yester.innovation(weighed(frame.color, known, self.trust), known, length, **asks)
+            about["lag"] = known, found
         self.antialiased, _, _ = antialias(for_frame(stage, frame), before, color, motion, frame.depth, **about)
         shown, length = blacken(self.antialiased[0]), self.antialiased[1]
         exposure = yester.exposure(color)
         if self.innovation and before is not None:
-            known = {"evidence": self.lag, "motion": motion, "exposure": exposure}
+            known = {"evidence": self.rest, "motion": motion, "exposure": exposure}
             known |= {"strictness": 12, "share": 0.7}
-            found, self.lag = yester.innovation(weighed(frame.color, shown, self.trust), shown, length, **known)
+            found, self.rest = yester.innovation(weighed(frame.color, shown, self.trust), shown, length, **known)
             self.antialiased[0] = correct(self.antialiased[0], found)
             shown = correct(shown, found)
         if not stage["choice"]:
@@ -1077,7 +1113,7 @@ class BMFR:
         self.gradient, self.fireflies, self.restore = gradient, fireflies, restore
         self.innovation, self.antialias = innovation, antialias
         self.by_confidence, self.same_albedo = by_confidence, False
-        self.before = self.antialiased = self.evidence = self.lag = self.mixing = self.trust = None
+        self.before = self.antialiased = self.evidence = self.lag = self.rest = self.mixing = self.trust = None
         self.noise, self.repeats = Noise(), False
         self.age = 0
 

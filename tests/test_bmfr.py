@@ -161,7 +161,7 @@ def test_reference(named, newer):
     [
         ((), ()),
         (("albedo", "emission", "normal"), ("albedo", "emission", "normal")),
-        (("emission", "position"), ("position",)),
+        (("emission", "position"), ("emission", "position")),
         (("depth", "camera"), ("camera", "depth")),
         (("depth", "position", "camera", "motion"), ("motion", "depth", "position")),
         (("ids", "object_normal", "replay"), ("ids", "object_normal", "replay")),

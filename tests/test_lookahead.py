@@ -105,7 +105,7 @@ def forward(output, frame: Frame):
 
 def finish(stage: yester.TAA, output, frame: Frame, motion):
     """The output stage on a denoised frame."""
-    kept = "depth", "position", "normal", "ids", "albedo", "camera", "jitter"
+    kept = "depth", "position", "normal", "ids", "albedo", "emission", "camera", "jitter"
     places = {name: getattr(frame, name) for name in kept}
     known = {"samples": frame.color, "confidence": output.confidence}
     return stage.step(Frame(output.color, motion=motion, **places), **known)

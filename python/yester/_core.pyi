@@ -660,7 +660,8 @@ class SVGF(Pipeline):
         Add the error of the result, as estimated from the new samples and those of a few earlier frames, to the result
         and to history (`innovation`): this restores moving light and detail blurred by the filter or in reflections.
         Where all light has changed by one factor, as by an exposure or a fade, history is first multiplied by it
-        (`light_change`). The output stage is corrected in the same ways.
+        (`light_change`). The output stage is corrected in the same ways, its history before it is merged, too (`samples`
+        of `TAA.step`).
     antialias : bool, default True
         End with a stage of temporal antialiasing, ``TAA("denoised", unguided_alpha=0.5)``; with `average_still`,
         ``unguided_alpha=0, guided_exposure=0``.
@@ -696,11 +697,12 @@ class SVGF(Pipeline):
     `incoherent_guides`, `light_change` (without a replay), `suppress_fireflies`, `temporal_gradient` (``noise=2.4,
     passes=3, widest=5``), `virtual_motion` and `prediction_gain`, `accumulate`, `combine_histories` (with `later`),
     `choice`, `estimate_variance`, `atrous`, `compare_candidates` and `innovation` (with the `exposure` of the history),
-    `remodulate`, those of `TAA`, `innovation` of its result and history (with the `exposure` of the result,
-    ``strictness=12, share=0.7``), and with `average_still` those of the mean (``strictness=24, share=0.7``):
-    `innovation`, `demodulate`, `atrous`, `remodulate` and `converge`. Of the history and of `later`, no more than
-    ``1 / alpha - 1`` samples count. The correction by a replay is an `innovation` of history, too: its samples are the
-    replayed ones' change, relative to the samples blurred by `atrous`.
+    `remodulate`, `innovation` of the history of `TAA` (``strictness=4, share=0.7``), those of `TAA`, and `innovation`
+    of its result and history (``strictness=12, share=0.7``), both with the `exposure` of the filtered colour; with
+    `average_still` those of the mean (``strictness=24, share=0.7``): `innovation`, `demodulate`, `atrous`, `remodulate`
+    and `converge`. Of the history and of `later`, no more than ``1 / alpha - 1`` samples count. The correction by a
+    replay is an `innovation` of history, too: its samples are the replayed ones' change, relative to the samples
+    blurred by `atrous`.
 
     References
     ----------
@@ -1273,11 +1275,14 @@ class TAA(Pipeline):
             An earlier step's output whose arrays are overwritten and returned, instead of new ones. From the
             second frame on, no image memory is then allocated.
         samples : (H, W, 3) array_like of float, optional
-            If the frame's colour is denoised: the samples that it was made of, by which `choice` judges. With
-            `innovation`, the error of the result is estimated from them (``strictness=12, share=0.7``), and corrects
-            the history, too, as in the last stage of a denoiser; and history is first multiplied by the `light_change`
-            from it, fetched bilinearly without tests or fallback, to the samples. Missing ones are NaN. Denoised colour
-            is not resolved by its `jitter`.
+            If the frame's colour is denoised: the samples that it was made of, by which `choice` judges. Missing ones are
+            NaN. With `innovation`, they also correct history and result, as in the last stage of a denoiser. History is
+            first multiplied by the `light_change` from it, fetched bilinearly without tests or fallback, to the samples.
+            Then its own error, fetched bilinearly without fallback, is estimated (``strictness=4, share=0.7``) and added to
+            it, but no further than to the new colour. Not compared are pixels whose coverage is at most 0.9, whose
+            `confidence` is 0, or of which one of the 3×3 around has emission or no finite depth: these have no noise, and
+            antialiased edges differ from single samples. Last, the error of the result is estimated (``strictness=12,
+            share=0.7``), and corrects result and history. Denoised colour is not resolved by its `jitter`.
         confidence : (H, W) array_like of float, optional
             With `samples`: the denoiser's. Where it is 0, that found no history of the surface; history that has to be
             clipped there, and is not fetched along the motion of a neighbour, is another surface's. It is shortened, as

@@ -354,6 +354,10 @@ def _finished(
             motion, following = output.motion, None if later is None else later.motion
             places["motion"] = frame.motion if motion is None else motion
             places["motion_next"] = frame.motion_next if following is None else following
+            if frame.emission is not None:
+                # The stage only asks where there is any: one channel says so in a third of the memory.
+                shines = (frame.emission > 0).any(-1, keepdims=True)
+                places["emission"] = np.broadcast_to(shines.astype(np.float32), frame.emission.shape)
             if any(getattr(frame, name) is not None for name in _GUIDES):
                 # As if all were one surface: a whole window of frames would hold gigabytes of guides.
                 places["ids"] = np.broadcast_to(np.uint32(0), frame.shape)

@@ -169,8 +169,9 @@ impl Steps for Bmfr {
         let materials = MaterialIds::of(frame, memory.as_mut());
         let given = frame;
         let frame = &materials.frame(given);
-        let inputs = Inputs::new(frame, materials.texture(frame), memory.as_ref());
-        let texture = inputs.texture;
+        let texture = materials.texture(frame);
+        let catches_up = params.antialias.is_some() && params.history.innovation.is_some();
+        let inputs = Inputs::new(frame, texture, memory.as_ref(), catches_up);
 
         let sample = illumination(frame.color, texture);
         let past = inputs.reproject(&params.history, memory, &sample, &mut output);
@@ -242,7 +243,12 @@ struct Inputs<'a> {
 }
 
 impl<'a> Inputs<'a> {
-    fn new(frame: &'a Frame<'a>, texture: Option<Texture<'a>>, memory: Option<&Memory>) -> Self {
+    fn new(
+        frame: &'a Frame<'a>,
+        texture: Option<Texture<'a>>,
+        memory: Option<&Memory>,
+        catches_up: bool,
+    ) -> Self {
         let camera = memory.and_then(|memory| memory.camera.as_ref());
         let mut used = vec![];
         let motion = frame.motion(camera, memory.and_then(Memory::depth), &mut used);
@@ -254,7 +260,10 @@ impl<'a> Inputs<'a> {
         let planes = memory.is_some_and(|memory| memory.tests_planes(frame, &motion));
         used.extend(names([
             ("albedo", textured),
-            ("emission", textured && frame.emission.is_some()),
+            (
+                "emission",
+                (textured || catches_up) && frame.emission.is_some(),
+            ),
             ("normal", surface.normal.is_some()),
             ("depth", surface.depth.is_some()),
             ("plane", planes),

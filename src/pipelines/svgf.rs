@@ -371,9 +371,6 @@ fn run(
         choices,
     );
     drop(guide);
-    if let Some(later) = later {
-        join_reports(later, &mut reports);
-    }
     let choice = choosing.map(|choosing| choosing.judge(&now, exposure));
     let (innovation, evidence) = now
         .innovate(&passes, along, evidence, exposure, &reports)
@@ -397,6 +394,10 @@ fn run(
         View::new(now.size(), 1, reports.confidence),
         shown.as_mut(),
     );
+    // Only now: the output stage has history of earlier frames alone.
+    if let Some(later) = later {
+        join_reports(later, &mut reports);
+    }
     if let Some((still, shown)) = still.as_mut().zip(shown) {
         still.show(&now, shown.color);
     }
@@ -524,9 +525,14 @@ impl Current<'_> {
         let Frame { surface, .. } = self.frame;
         let albedo = self.frame.albedo.is_some();
         let turned = surface.object_normal.is_some();
+        let params = self.params;
+        let catches_up = params.antialias.is_some() && params.history.innovation.is_some();
         names([
             ("albedo", albedo),
-            ("emission", albedo && self.frame.emission.is_some()),
+            (
+                "emission",
+                (albedo || catches_up) && self.frame.emission.is_some(),
+            ),
             ("normal", surface.normal.is_some()),
             ("depth", surface.depth.is_some()),
             ("plane", planes),

@@ -1,7 +1,8 @@
 //! Temporal antialiasing, as a list of this library's kernels:
 //!
 //!   (motion from cameras) → (suppress fireflies) → (resolve the jittered sample) → (change of light) → (expose)
-//!     → (temporal gradient) → (alternation) → dilate → reproject → clip → (anti-lag) → blend → (innovation) → (mix)
+//!     → (lag) → (temporal gradient) → (alternation) → dilate → reproject → (catch up) → clip → (anti-lag) → blend
+//!     → (innovation) → (mix)
 //!
 //! From dilation to blend the kernels run in one fused pass ([`sweep`]). The temporal gradient looks at larger windows and
 //! alternation has a history of its own, so both run before it and reproject for themselves.
@@ -10,6 +11,7 @@
 //! that would refuse what antialiases it. The neighbourhood's colours decide instead. Tests can be switched on for
 //! sequences in which another surface's history has the neighbourhood's colours and would pass.
 
+mod lag;
 mod mix;
 mod params;
 mod sweep;
@@ -17,9 +19,10 @@ mod sweep;
 use std::fmt;
 use std::ops::Range;
 
+use self::lag::Lag;
 use self::mix::{Seen, mix};
 pub use self::params::{Limits, Params};
-use self::sweep::Sweep;
+use self::sweep::{Fresh, Sweep};
 use super::correction::{Weighed, correct, innovate, scale};
 use super::frame::{
     Frame, Mistake, Output, OwnedSurface, Report, Steps, Summary, Upkeep, check_size,
@@ -64,8 +67,9 @@ struct History {
     merged: Interleaved,
     /// The memory of the alternation kernel, where it runs.
     alternation: Option<Interleaved>,
-    /// Evidence of the innovation, carried to the next frame.
+    /// Evidence of the innovation, carried to the next frame: of the result, and of the history's lag.
     evidence: Option<Interleaved>,
+    lag: Option<Interleaved>,
     /// Luminances and evidence for the next frame's mixing weights, if samples and denoised colour are mixed in.
     seen: Option<Seen>,
     /// Whether the frame is the first.
@@ -158,7 +162,6 @@ impl Stage {
         let depth = frame.surface.depth.map(Pixels::plane);
         let still = self.still(frame, before);
         let choice = Choice::of(depth, still.as_ref());
-        let out = PixelsMut::bands(color.size, 3, shown);
         if input.origin != Origin::Samples && input.correction.is_some() {
             self.follow_light(samples, motion);
         }
@@ -168,7 +171,13 @@ impl Stage {
             Origin::Denoiser { .. } => exposure(color),
         };
         let params = params.exposed(bright);
-        let missing = self.step(params, color, motion, choice, out, input.others);
+        let lag = self.lag(frame, motion, &input, bright);
+        let fresh = Fresh {
+            color,
+            lag: lag.as_ref(),
+        };
+        let out = PixelsMut::bands(color.size, 3, shown);
+        let missing = self.step(params, fresh, motion, choice, out, input.others);
         drop(still);
         self.correct(
             input.correction,
@@ -210,6 +219,29 @@ impl Stage {
         Some(fetch(history, motion, Tests::none(), Filter::Bilinear).0)
     }
 
+    /// How the history of a denoiser's colour lags behind the samples that the colour was made of, if they correct it.
+    fn lag(&mut self, frame: &Frame, motion: Pixels, input: &Input, exposure: f32) -> Option<Lag> {
+        let corrects = input.origin != Origin::Samples && input.correction.is_some();
+        let history = self.history.as_mut().filter(|_| corrects)?;
+        let Others {
+            tests, confidence, ..
+        } = input.others;
+        let before = history.merged.pixels();
+        let (mut known, coverage) = fetch(before, motion, tests, Filter::Bilinear);
+        lag::leave_out(&mut known, coverage.view(), confidence, frame);
+        let (color, length) = (known.pixels().part(0..3), known.pixels().part(3..4));
+        let fresh = Weighed {
+            samples: &frame.color,
+            prediction: &color,
+            weight: input.weight,
+        };
+        let evidence = history.lag.as_ref();
+        let params = lag::STRICTNESS;
+        let (found, rest) = innovate(params, &fresh, &color, length, motion, exposure, evidence);
+        history.lag = Some(rest);
+        Some(Lag::new(known, found))
+    }
+
     /// The motion of the still scene, if the dilation of a frame asks for it and the cameras tell it.
     fn still(&self, frame: &Frame, before: Option<&Camera>) -> Option<Image> {
         let asks = self.params.dilate.is_some() && !self.params.dilate_movers;
@@ -223,13 +255,14 @@ impl Stage {
     fn step<'a>(
         &mut self,
         params: Params,
-        color: Pixels<'a>,
+        fresh: Fresh<'a>,
         motion: Pixels<'a>,
         choice: Choice<'a>,
         merged: impl Iterator<Item = PixelsMut<'a>>,
         others: Others<'a>,
     ) -> usize {
         let before = self.history.take();
+        let color = fresh.color;
         let Others {
             tests,
             report,
@@ -252,7 +285,7 @@ impl Stage {
         let history = before.as_ref().map(|before| [before.merged.pixels()]);
         let sweep = Sweep {
             params,
-            color,
+            fresh,
             motion,
             choice,
             fetch: history.map(|history| {
@@ -269,12 +302,14 @@ impl Stage {
         };
         let (merged, missing) = sweep.run(merged, report);
         let first = before.is_none();
-        let (evidence, seen) = before.map(|before| (before.evidence, before.seen)).unzip();
+        let carried = before.map(|before| (before.evidence, before.lag, before.seen));
+        let (evidence, lag, seen) = carried.unwrap_or_default();
         self.history = Some(History {
             merged,
             alternation,
-            evidence: evidence.flatten(),
-            seen: seen.flatten(),
+            evidence,
+            lag,
+            seen,
             first,
         });
         missing
@@ -495,8 +530,13 @@ impl Taa {
         let color = (resolved.as_ref()).map_or(frame.color, |(image, _)| image.pixels());
         let rays = camera.filter(|_| motion.tells_depth()).map(Camera::rays);
         let tests = (params.limits).tests(frame.surface, surface, rays);
-        let dilates = params.dilate.is_some() && frame.surface.depth.is_some();
-        used.extend(list_used(&tests, dilates));
+        let catches_up = source.is_some() && params.innovation.is_some();
+        let uses_depth = params.dilate.is_some() || catches_up;
+        used.extend(list_used(
+            &tests,
+            uses_depth && frame.surface.depth.is_some(),
+        ));
+        used.extend((catches_up && frame.emission.is_some()).then_some("emission"));
         let compared = (source.filter(|_| params.choice))
             .map(|source| Noise::compare(noise, source.samples, motion.pixels()));
         let (noise, repeats) = compared.unzip();
@@ -537,10 +577,10 @@ impl Taa {
     }
 }
 
-/// The buffers that dilation and the surface tests use.
-fn list_used(tests: &Tests, dilates_by_depth: bool) -> impl Iterator<Item = &'static str> {
+/// The buffers that the surface tests use, and depth if something else does.
+fn list_used(tests: &Tests, uses_depth: bool) -> impl Iterator<Item = &'static str> {
     let tested = tests.used();
-    let depth = dilates_by_depth || tested.contains(&"depth");
+    let depth = uses_depth || tested.contains(&"depth");
     let others = tested.into_iter().filter(|&name| name != "depth");
     depth.then_some("depth").into_iter().chain(others)
 }

@@ -25,6 +25,7 @@ from .taa import (
     find_still,
     for_frame,
     is_unguided,
+    noiseless,
     parallax,
     tells_depth,
     told_by_motion,
@@ -102,7 +103,7 @@ class SVGF:
         self.reset()
 
     def reset(self) -> None:
-        self.previous = self.antialiased = self.evidence = self.lag = None
+        self.previous = self.antialiased = self.evidence = self.lag = self.rest = None
         self.choosing, self.mixing, self.noise = self.start_choosing(), Mixing(), Noise()
         self.repeats = False
 
@@ -215,11 +216,11 @@ class SVGF:
         self.history, self.previous = kept, frame
         if frame.albedo is not None:
             smooth = remodulate(smooth, **texture_of(frame), emission=emission)  # (H, W, 3)
+        if self.antialias:
+            smooth = self.finish(self.stage, smooth, frame, motion, still, confidence <= 0)  # (H, W, 3)
         if later is not None:
             confidence = confidence.maximum(later.confidence)  # (H, W)
             rejection = rejection & later.rejection.to(rejection)  # (H, W)
-        if self.antialias:
-            smooth = self.finish(self.stage, smooth, frame, motion, still, confidence <= 0)  # (H, W, 3)
         smooth = smooth.where(smooth.isfinite(), 0)  # (H, W, 3)
         return Output(smooth, smooth_variance, length, confidence, rejection, missing, chosen)
 
@@ -242,21 +243,27 @@ class SVGF:
             change = light_change(frame.color, *reproject(before[0], motion, fallback=False))
             before = [before[0] * change, before[1]]  # (H, W, 3), (H, W)
             self.mixing.scale(change)
-        stage = for_frame(stage, frame)
-        given = frame.depth, still, None, others
+        stage, bright, late = for_frame(stage, frame), exposure(smooth), None
+        if self.innovation and before is not None:
+            (known, count), coverage = reproject(before, motion, fallback=False)  # (H, W, 3), (H, W), (H, W)
+            unlike = noiseless(frame) | others | (coverage <= 0.9)  # (H, W)
+            known = known.masked_fill(unlike[..., None], torch.nan)  # (H, W, 3)
+            asks = {"evidence": self.lag, "motion": motion, "exposure": bright, "strictness": 4, "share": 0.7}
+            found, self.lag = innovation(weighed(frame.color, known, weight), known, count, **asks)
+            late = known, found
+        given = frame.depth, still, None, others, late
         (color, length), *_ = antialias(stage, before, smooth, motion, *given)  # (H, W, 3), (H, W)
         shown = color.where(color.isfinite(), 0)  # (H, W, 3)
-        bright = exposure(smooth)
         if self.innovation and before is not None:
             known = {
-                "evidence": self.lag,
+                "evidence": self.rest,
                 "motion": motion,
                 "exposure": bright,
                 "strictness": 12,
                 "share": 0.7,
             }
             fresh = weighed(frame.color, shown, weight)  # (H, W, 3)
-            found, self.lag = innovation(fresh, shown, length, **known)  # (H, W, 3), (h, w, 4)
+            found, self.rest = innovation(fresh, shown, length, **known)  # (H, W, 3), (h, w, 4)
             (color, _), (shown, _) = correct(color, found), correct(shown, found)  # (H, W, 3) twice
         self.antialiased = [color, length]
         if not stage["choice"]:

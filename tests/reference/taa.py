@@ -3,7 +3,7 @@ from typing import NamedTuple
 
 import torch
 from torch import Tensor
-from torch.nn.functional import avg_pool2d
+from torch.nn.functional import avg_pool2d, max_pool2d
 
 from .accumulate import luminance
 from .alternation import alternation
@@ -148,6 +148,16 @@ def is_erratic(frame) -> bool:
     return bool(sum(d.sum() for d in differ) > 0.125 * sum(d.numel() for d in differ))
 
 
+def noiseless(frame) -> Tensor:
+    """Pixels (H, W) that show a lamp or the sky, and their neighbours."""
+    shines = torch.zeros_like(frame.color[..., 0])  # (H, W)
+    if frame.emission is not None:
+        shines = shines.maximum((frame.emission > 0).any(-1).to(shines))  # (H, W)
+    if frame.depth is not None:
+        shines = shines.maximum((~frame.depth.isfinite()).to(shines))  # (H, W)
+    return max_pool2d(shines[None], 3, stride=1, padding=1)[0] > 0
+
+
 class Antialiased(NamedTuple):
     history: list[Tensor]  # colour (H, W, 3) and length (H, W), and with "alternation" its memory (H, W, 7)
     confidence: Tensor
@@ -171,6 +181,7 @@ def antialias(
     still: Tensor | None = None,
     tests: dict | None = None,
     others: Tensor | None = None,
+    lag: tuple[Tensor, Tensor] | None = None,
 ) -> Antialiased:
     """Merge a colour into the history: dilate, reproject, clip, blend.
 
@@ -186,6 +197,7 @@ def antialias(
     still : (H, W, 3), the motion that the cameras cause, if it is known
     tests : of surfaces, as for `reproject`
     others : (H, W), where a denoiser found no history of the surface
+    lag : the history (H, W, 3) that samples were compared with, NaN where they were not, and its innovation (H, W, 3)
     """
     tests = tests or {}
     memory = None
@@ -210,6 +222,11 @@ def antialias(
             taken = follows(color, old, moved, seen) & ((other - there)[..., :2].abs() > 0.05).any(-1)  # (H, W)
             old, length = moved.where(taken[..., None], old), age.where(taken, length)  # (H, W, 3), (H, W)
             coverage = seen.where(taken, coverage)  # (H, W)
+    if lag is not None:
+        known, found = lag  # (H, W, 3) twice
+        nearer = correct(old, found)[0].maximum(old.minimum(color)).minimum(old.maximum(color))  # (H, W, 3)
+        compared = (found != 0).any(-1) & known.isfinite().all(-1) & color.isfinite().all(-1)  # (H, W)
+        old = nearer.where(compared[..., None], old)  # (H, W, 3)
     among = {name: settings[name] for name in ("box", "gamma", "window", "space", "response")}
     bright = exposure(color)
     clipped = clip_history(old, color, exposure=bright, **among)  # (H, W, 3)

@@ -102,7 +102,8 @@ use crate::pipelines::{history, svgf, taa};
 ///     Add the error of the result, as estimated from the new samples and those of a few earlier frames, to the result
 ///     and to history (`innovation`): this restores moving light and detail blurred by the filter or in reflections.
 ///     Where all light has changed by one factor, as by an exposure or a fade, history is first multiplied by it
-///     (`light_change`). The output stage is corrected in the same ways.
+///     (`light_change`). The output stage is corrected in the same ways, its history before it is merged, too (`samples`
+///     of `TAA.step`).
 /// antialias : bool, default True
 ///     End with a stage of temporal antialiasing, ``TAA("denoised", unguided_alpha=0.5)``; with `average_still`,
 ///     ``unguided_alpha=0, guided_exposure=0``.
@@ -138,11 +139,12 @@ use crate::pipelines::{history, svgf, taa};
 /// `incoherent_guides`, `light_change` (without a replay), `suppress_fireflies`, `temporal_gradient` (``noise=2.4,
 /// passes=3, widest=5``), `virtual_motion` and `prediction_gain`, `accumulate`, `combine_histories` (with `later`),
 /// `choice`, `estimate_variance`, `atrous`, `compare_candidates` and `innovation` (with the `exposure` of the history),
-/// `remodulate`, those of `TAA`, `innovation` of its result and history (with the `exposure` of the result,
-/// ``strictness=12, share=0.7``), and with `average_still` those of the mean (``strictness=24, share=0.7``):
-/// `innovation`, `demodulate`, `atrous`, `remodulate` and `converge`. Of the history and of `later`, no more than
-/// ``1 / alpha - 1`` samples count. The correction by a replay is an `innovation` of history, too: its samples are the
-/// replayed ones' change, relative to the samples blurred by `atrous`.
+/// `remodulate`, `innovation` of the history of `TAA` (``strictness=4, share=0.7``), those of `TAA`, and `innovation`
+/// of its result and history (``strictness=12, share=0.7``), both with the `exposure` of the filtered colour; with
+/// `average_still` those of the mean (``strictness=24, share=0.7``): `innovation`, `demodulate`, `atrous`, `remodulate`
+/// and `converge`. Of the history and of `later`, no more than ``1 / alpha - 1`` samples count. The correction by a
+/// replay is an `innovation` of history, too: its samples are the replayed ones' change, relative to the samples
+/// blurred by `atrous`.
 ///
 /// References
 /// ----------

@@ -1,7 +1,7 @@
 //! The fused sweep of temporal antialiasing, from dilated motion to merged history.
 //!
 //! For a run of pixels at a time, in the first-level cache:
-//!   dilate → reproject → clip → (hold) → (anti-lag) → (anti-lag for others) → blend factor → (flicker) → blend,
+//!   dilate → reproject → (catch up) → clip → (hold) → (anti-lag) → (anti-lag for others) → blend factor → (flicker) → blend,
 //! each as its kernel defines it. With N the samples in the reprojected history, λ the temporal gradient, α what
 //! `blend_factor` gives and α₀ its least:
 //!   N ← N (1 − λ)¹⁰,  N ← min(N + 1, 1/α₀),  a = lerp(max(α, 1/N), 1, λ).
@@ -17,13 +17,14 @@
 //! colour c that is brighter than the clipped history k may be the one sample that hit a lamp. Pixels whose motion was dilated
 //! keep theirs: they lie beside an edge, which it antialiases.
 //!
-//! Inputs: colour (3), motion (2 or 3), depth (1, optional), history (4: colour, N), λ (1, optional), count of returns (1,
-//! optional), confidence of a denoiser (1, optional). Outputs: history (4); colour (3), black where no sample was ever seen;
+//! Inputs: colour (3), motion (2 or 3), depth (1, optional), history (4: colour, N), its lag (optional), λ (1, optional), count
+//! of returns (1, optional), confidence of a denoiser (1, optional). Outputs: history (4); colour (3), black where no sample was ever seen;
 //! N, coverage and rejection, optional.
 
 use std::ops::Range;
 
 use super::Params;
+use super::lag::Lag;
 use crate::image::{Interleaved, Pixels, Run, SEGMENT, View, deinterleave, segments};
 use crate::kernels::camera::dilate::{Choice, Dilation};
 use crate::kernels::fetch::reproject::{Fetch, Fetched};
@@ -50,9 +51,17 @@ const APART: f32 = 0.05;
 /// to the temporal error of `passer_by` and `shallow_focus`.
 const OTHERS: f32 = 8.0;
 
+/// What is merged into the history.
+#[derive(Clone, Copy)]
+pub struct Fresh<'a> {
+    pub color: Pixels<'a>,
+    /// How the history lags behind the samples that the colour was made of.
+    pub lag: Option<&'a Lag>,
+}
+
 pub struct Sweep<'a> {
     pub params: Params,
-    pub color: Pixels<'a>,
+    pub fresh: Fresh<'a>,
     pub motion: Pixels<'a>,
     pub choice: Choice<'a>,
     /// None for a first frame.
@@ -78,7 +87,7 @@ impl Sweep<'_> {
         merged: impl Iterator<Item = PixelsMut<'a>>,
         report: Option<Vec<Report>>,
     ) -> (Interleaved, usize) {
-        let size = self.color.size;
+        let size = self.fresh.color.size;
         let mut history = Interleaved::blank(size, CHANNELS);
         let mut missing = vec![0; size.height.div_ceil(BAND)];
         let outs = PixelsMut::bands(size, CHANNELS, history.data_mut())
@@ -183,14 +192,18 @@ impl<'a> Kernel for Sweep<'a> {
     #[inline(always)]
     fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut outs: Self::Out) {
         let Params { clip, blend, .. } = self.params;
-        let size = self.color.size;
+        let size = self.fresh.color.size;
         let mut window = Window::new(size.width, clip);
         let mut past = Past::new(self);
         let mut own_motion = MotionLanes::zeroed();
         let (mut factors, mut merged) = ([0.0; SEGMENT], [[0.0; SEGMENT]; 3]);
+        let mut lag = self.fresh.lag.map(|lag| (lag, lag.line()));
         for y in rows.clone() {
             let first = y == rows.start;
-            window.roll(self.color, y, first);
+            if let Some((lag, line)) = &mut lag {
+                lag.go_to(y, line);
+            }
+            window.roll(self.fresh.color, y, first);
             if let Some(dilation) = &mut past.dilation {
                 dilation.roll(y, first);
             }
@@ -199,6 +212,9 @@ impl<'a> Kernel for Sweep<'a> {
                 let motion = own_motion.load(&self.motion, run);
                 past.fetch(run, motion, self.fetch.as_ref());
                 past.follow_movers(run, motion, self.fetch.as_ref(), &window, clip.exposure);
+                if let Some((lag, line)) = &mut lag {
+                    lag.catch_up(run, line, window.colors.own(run), &mut past.color);
+                }
                 self.clip(run, motion, &mut window, &mut past);
                 let colors = window.colors.own(run);
                 self.blend_factors(run, colors, motion, &mut past, &mut factors);
