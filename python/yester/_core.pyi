@@ -660,8 +660,8 @@ class SVGF(Pipeline):
         Add the error of the result, as estimated from the new samples and those of a few earlier frames, to the result
         and to history (`innovation`): this restores moving light and detail blurred by the filter or in reflections.
         Where all light has changed by one factor, as by an exposure or a fade, history is first multiplied by it
-        (`light_change`). The output stage is corrected in the same ways, its history before it is merged, too (`samples`
-        of `TAA.step`).
+        (`light_change`). The output stage is corrected in the same ways, its history before it is merged, too
+        (`samples` of `TAA.step`).
     antialias : bool, default True
         End with a stage of temporal antialiasing, ``TAA("denoised", unguided_alpha=0.5)``; with `average_still`,
         ``unguided_alpha=0, guided_exposure=0``.
@@ -1275,14 +1275,15 @@ class TAA(Pipeline):
             An earlier step's output whose arrays are overwritten and returned, instead of new ones. From the
             second frame on, no image memory is then allocated.
         samples : (H, W, 3) array_like of float, optional
-            If the frame's colour is denoised: the samples that it was made of, by which `choice` judges. Missing ones are
-            NaN. With `innovation`, they also correct history and result, as in the last stage of a denoiser. History is
-            first multiplied by the `light_change` from it, fetched bilinearly without tests or fallback, to the samples.
-            Then its own error, fetched bilinearly without fallback, is estimated (``strictness=4, share=0.7``) and added to
-            it, but no further than to the new colour. Not compared are pixels whose coverage is at most 0.9, whose
-            `confidence` is 0, or of which one of the 3×3 around has emission or no finite depth: these have no noise, and
-            antialiased edges differ from single samples. Last, the error of the result is estimated (``strictness=12,
-            share=0.7``), and corrects result and history. Denoised colour is not resolved by its `jitter`.
+            If the frame's colour is denoised: the samples that it was made of, by which `choice` judges. Missing ones
+            are NaN. With `innovation`, they also correct history and result, as in the last stage of a denoiser.
+            History is first multiplied by the `light_change` from it, fetched bilinearly without tests or fallback, to
+            the samples. Then its own error, fetched bilinearly without fallback, is estimated (``strictness=4,
+            share=0.7``) and added to it, but no further than to the new colour. Not compared are pixels whose coverage
+            is at most 0.9, whose `confidence` is 0, or of which one of the 3×3 around has emission or no finite depth:
+            these have no noise, and antialiased edges differ from single samples. Last, the error of the result is
+            estimated (``strictness=12, share=0.7``), and corrects result and history. Denoised colour is not resolved
+            by its `jitter`.
         confidence : (H, W) array_like of float, optional
             With `samples`: the denoiser's. Where it is 0, that found no history of the surface; history that has to be
             clipped there, and is not fetched along the motion of a neighbour, is another surface's. It is shortened, as

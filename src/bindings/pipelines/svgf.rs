@@ -102,8 +102,8 @@ use crate::pipelines::{history, svgf, taa};
 ///     Add the error of the result, as estimated from the new samples and those of a few earlier frames, to the result
 ///     and to history (`innovation`): this restores moving light and detail blurred by the filter or in reflections.
 ///     Where all light has changed by one factor, as by an exposure or a fade, history is first multiplied by it
-///     (`light_change`). The output stage is corrected in the same ways, its history before it is merged, too (`samples`
-///     of `TAA.step`).
+///     (`light_change`). The output stage is corrected in the same ways, its history before it is merged, too
+///     (`samples` of `TAA.step`).
 /// antialias : bool, default True
 ///     End with a stage of temporal antialiasing, ``TAA("denoised", unguided_alpha=0.5)``; with `average_still`,
 ///     ``unguided_alpha=0, guided_exposure=0``.

@@ -70,11 +70,16 @@ impl Lag {
         let Some(found) = self.found.correction(&line.found, run, known) else {
             return;
         };
-        let compared: Row<bool> = std::array::from_fn(|i| {
-            i < run.len && is_present(known.map(|row| row[i])) && is_present(new.map(|row| row[i]))
-        });
-        for ((history, found), new) in history.iter_mut().zip(&found).zip(new) {
-            for i in 0..run.len {
+        let n = run.len;
+        let [kr, kg, kb] = known.each_ref().map(|row| &row[..n]);
+        let [nr, ng, nb] = new.map(|row| &row[..n]);
+        let mut compared = [false; SEGMENT];
+        for (i, compared) in compared[..n].iter_mut().enumerate() {
+            *compared = is_present([kr[i], kg[i], kb[i]]) & is_present([nr[i], ng[i], nb[i]]);
+        }
+        for ((history, found), new) in history.iter_mut().zip(&found).zip([nr, ng, nb]) {
+            let (history, found, compared) = (&mut history[..n], &found[..n], &compared[..n]);
+            for i in 0..n {
                 let (old, new) = (history[i], new[i]);
                 let most = larger(old, new);
                 let bounded = smaller(larger(corrected(old, found[i]), smaller(old, new)), most);
@@ -134,27 +139,29 @@ impl<'a> Kernel for LeaveOut<'a> {
     #[inline(always)]
     fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut known: Self::Out) {
         let size = self.coverage.size;
-        let mut marks = Rolling::<1>::within(size.width, 1, 0.0);
+        let width = size.width;
+        let mut marks = Rolling::<1>::within(width, 1, 0.0);
+        let sure = vec![1.0; width];
         for y in rows.clone() {
             for due in marks.due(y, y == rows.start) {
                 if let Some([row]) = marks.fresh(due, size) {
-                    for run in segments(due as usize, size.width) {
+                    for run in segments(due as usize, width) {
                         self.mark(run, &mut row[run.x..][..run.len]);
                     }
                 }
             }
             let band = &mut known[(y - rows.start) / rows::BAND];
             let coverage = self.coverage.row(0, y);
-            let confidence = self.confidence.map(|confidence| confidence.row(0, y));
-            let around = [-1, 0, 1].map(|dy| marks.row(y as isize + dy)[0]);
+            let confidence = (self.confidence).map_or(&*sure, |confidence| confidence.row(0, y));
+            let [above, own, below] =
+                [-1, 0, 1].map(|dy| &marks.row(y as isize + dy)[0][..width + 2]);
             let [red, green, blue] = band.rows(y);
-            for x in 0..size.width {
-                let marked = around
-                    .iter()
-                    .any(|row| row[x] + row[x + 1] + row[x + 2] > 0.0);
-                let other = confidence.is_some_and(|confidence| confidence[x] <= 0.0);
-                if marked | other | (coverage[x] <= COVERED) {
-                    [red[x], green[x], blue[x]] = [f32::NAN; 3];
+            for x in 0..width {
+                let around = |row: &[f32]| row[x] + row[x + 1] + row[x + 2];
+                let marked = around(above) + around(own) + around(below) > 0.0;
+                let left_out = marked | (confidence[x] <= 0.0) | (coverage[x] <= COVERED);
+                for row in [&mut *red, &mut *green, &mut *blue] {
+                    row[x] = if left_out { f32::NAN } else { row[x] };
                 }
             }
         }
