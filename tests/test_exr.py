@@ -116,11 +116,12 @@ def test_cameras_are_stored_for_row_vectors(tmp_path):
 
 
 @pytest.mark.parametrize("scale", [1.0, -40.0, 1e-3])
-@pytest.mark.parametrize("convention", ["imath", "pbrt"])
+@pytest.mark.parametrize("convention", ["imath", "pbrt", "houdini"])
 @pytest.mark.parametrize("camera", cameras(), ids=str)
 def test_camera_of_others(tmp_path, camera, convention, scale):
-    """Either layout, any scale of the projection. Files of version 0.2 and before have that of pbrt."""
-    matrices = {"worldToCamera": camera.world_to_camera, "worldToNDC": abs(scale) * TO_NDC @ camera.world_to_clip}
+    """Any layout, any scale of the projection. Files of version 0.2 and before have that of pbrt, Houdini's -1 to 1."""
+    ndc = np.eye(4) if convention == "houdini" else TO_NDC
+    matrices = {"worldToCamera": camera.world_to_camera, "worldToNDC": abs(scale) * ndc @ camera.world_to_clip}
     header = {
         name: np.ascontiguousarray(matrix if convention == "pbrt" else matrix.T, np.float32)
         for name, matrix in matrices.items()

@@ -182,6 +182,23 @@ def test_a_camera_that_sees_something_else_is_not_used(tmp_path, shot):
     np.testing.assert_allclose(frame.position[seen], shot.position[seen])
 
 
+def test_positions_choose_the_camera_of_every_renderer(tmp_path):
+    """Off centre, a header from -1 to 1 looks like one from 0 to 1. A camera that sees something else is refused."""
+    camera = yester.Camera.from_look_at([3, 2, 5], [0, 0, 0], [0, 1, 0], 40, 96, 64, principal_point=(72, 16))
+    y, x = np.mgrid[:64, :96] + 0.5
+    position = camera.unproject(np.stack([x, y], -1), 1 + x)
+    named = layouts.layers({"RGB": np.ones((64, 96, 3)), "P.XYZ": position})
+    for arnold in ({}, {"arnold/version": "7.4"}):
+        channels = named if arnold else {name.replace("P.", "position."): plane for name, plane in named.items()}
+        header = arnold | {"worldToNDC": np.ascontiguousarray(camera.world_to_clip.T, np.float32)}
+        layouts.store(tmp_path / "a.exr", channels, header)
+        same_view(io.read_exr(tmp_path / "a.exr").camera, camera)
+        header["worldToNDC"] = header["worldToNDC"] @ np.diag(np.float32([3, 1, 1, 1]))
+        layouts.store(tmp_path / "a.exr", channels, header)
+        with pytest.warns(UserWarning, match="worldToNDC: not used, as it puts positions elsewhere"):
+            assert io.read_exr(tmp_path / "a.exr").camera is None
+
+
 def test_pbrt_without_a_camera(tmp_path, shot):
     layouts.pbrt(tmp_path / "a.exr", shot, half=False)
     channels = OpenEXR.File(str(tmp_path / "a.exr"), separate_channels=True).channels()

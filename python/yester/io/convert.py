@@ -170,7 +170,7 @@ def _view(position: Array | None, form: Form | None, views: list[View]) -> tuple
     image.
     """
     likeliest = views[0] if views else None
-    if position is None or form is None or form.space != "either" or not views:
+    if position is None or form is None or not views:
         return likeliest, "camera"
     hit = np.flatnonzero(np.isfinite(position).all(-1) & (position != 0).any(-1))
     hit = hit[:: max(len(hit) // _PROBES, 1)]
@@ -185,7 +185,8 @@ def _view(position: Array | None, form: Form | None, views: list[View]) -> tuple
         offset = np.abs(camera.project(world.astype(np.float32))[0] - pixels).max(-1)
         return float(np.median(np.where(np.isfinite(offset), offset, np.inf)))
 
-    best = min(((view, space) for view in views for space in ("camera", "world")), key=error)
+    spaces = ("camera", "world") if form.space == "either" else (form.space,)
+    best = min(((view, space) for view in views for space in spaces), key=error)
     return best if error(best) < max(2.0, _OFF * max(position.shape)) else (None, "camera")
 
 

@@ -51,6 +51,8 @@ COMPRESSIONS = ("none", "rle", "zips", "zip", "piz", "pxr24", "b44", "b44a", "dw
 _BY_NAME = ("dwaa", "dwab")
 #: worldToNDC to world_to_clip: [0, 1] to [-1, 1], and y up.
 _NDC_TO_CLIP = np.array([[2.0, 0, 0, -1], [0, -2, 0, 1], [0, 0, 1, 0], [0, 0, 0, 1]])
+#: What a view upside down counts beside a middle that is off the screen's: the middle of [-1, 1] is off by 0.25.
+_UPSIDE_DOWN = 0.2
 
 
 @dataclass(frozen=True)
@@ -911,14 +913,16 @@ def _cameras(path: Path, header: dict[str, Any]) -> list[View]:
         return []
     height, width = _size(header)
     views: list[View] = []
-    # Imath uses row vectors, but pbrt writes matrices for column vectors into the same attributes. So did Yester 0.2,
-    # but for the usual NDC.
-    layouts = [([matrix.T for matrix in stored], np.eye(4)), (stored, np.eye(4)), (stored, _pbrt_to_ndc(header))]
+    # Imath uses row vectors, and so does Houdini, but from -1 to 1 with y up. pbrt writes matrices for column vectors
+    # into the same attributes. So did Yester 0.2, but for the usual NDC.
+    rows, usual = [matrix.T for matrix in stored], np.eye(4)
+    layouts = [(rows, usual), (rows, np.linalg.inv(_NDC_TO_CLIP)), (stored, usual), (stored, _pbrt_to_ndc(header))]
     if "renderTimeSeconds" in header:
         layouts.reverse()
-    for (to_ndc, *to_camera), usual in sorted(layouts, key=lambda layout: _implausibility(layout[0])):
+    candidates = [(screen @ to_ndc, *to_camera) for (to_ndc, *to_camera), screen in layouts]
+    for to_ndc, *to_camera in sorted(candidates, key=_implausibility):
         try:
-            camera = Camera(_NDC_TO_CLIP @ _crop(header) @ usual @ to_ndc, width, height)
+            camera = Camera(_NDC_TO_CLIP @ _crop(header) @ to_ndc, width, height)
         except ValueError as error:
             if not views:
                 raise ValueError(f"{path}: worldToNDC: {error}") from None
@@ -955,10 +959,11 @@ def _jitter(path: Path, header: dict[str, Any]) -> tuple[float, float] | None:
     return float(given[0]), float(given[1])
 
 
-def _implausibility(matrices: list[NDArray[np.float64]]) -> float:
+def _implausibility(matrices: Sequence[NDArray[np.float64]]) -> float:
     """How far matrices for column vectors, worldToNDC and maybe worldToCamera, are from those of one camera.
 
-    The homogeneous coordinate of one is the depth of the other, and the middle of the view is on the screen.
+    The homogeneous coordinate of one is the depth of the other, and the middle of the view is on the screen, whose y
+    is down. Without worldToCamera, the world is taken to be right-handed.
     """
     to_ndc, *to_camera = matrices
     length = np.linalg.norm(to_ndc[3, :3])
@@ -967,4 +972,7 @@ def _implausibility(matrices: list[NDArray[np.float64]]) -> float:
     axis = to_ndc[3] / length
     ahead = to_ndc[[0, 1, 3], :3] @ axis[:3]
     middle = np.abs(ahead[:2] / ahead[2] - 0.5).max()
-    return float(middle + sum(np.abs(matrix[2] - axis).max() for matrix in to_camera))
+    up = to_camera[0][1, :3] if to_camera else np.cross(to_ndc[0, :3], axis[:3])
+    return float(
+        middle + _UPSIDE_DOWN * (up @ to_ndc[1, :3] > 0) + sum(np.abs(matrix[2] - axis).max() for matrix in to_camera)
+    )
