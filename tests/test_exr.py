@@ -116,12 +116,16 @@ def test_cameras_are_stored_for_row_vectors(tmp_path):
 
 
 @pytest.mark.parametrize("scale", [1.0, -40.0, 1e-3])
-@pytest.mark.parametrize("convention", ["imath", "pbrt", "houdini"])
+@pytest.mark.parametrize("convention", ["imath", "pbrt", "houdini", "right-handed"])
 @pytest.mark.parametrize("camera", cameras(), ids=str)
 def test_camera_of_others(tmp_path, camera, convention, scale):
     """Any layout, any scale of the projection. Files of version 0.2 and before have that of pbrt, Houdini's -1 to 1."""
     ndc = np.eye(4) if convention == "houdini" else TO_NDC
-    matrices = {"worldToCamera": camera.world_to_camera, "worldToNDC": abs(scale) * ndc @ camera.world_to_clip}
+    backward = np.diag([1, 1, -1, 1]) if convention == "right-handed" else np.eye(4)
+    matrices = {
+        "worldToCamera": backward @ camera.world_to_camera,
+        "worldToNDC": abs(scale) * ndc @ camera.world_to_clip,
+    }
     header = {
         name: np.ascontiguousarray(matrix if convention == "pbrt" else matrix.T, np.float32)
         for name, matrix in matrices.items()
@@ -131,6 +135,33 @@ def test_camera_of_others(tmp_path, camera, convention, scale):
     del header["worldToCamera"]
     store(tmp_path / "b.exr", header, rgb(17, 31))
     same_camera(io.read_exr(tmp_path / "b.exr").camera, camera)
+
+
+def test_camera_of_mantra(tmp_path):
+    """The header of a file of Houdini (github.com/ynput/ayon-houdini/issues/76): from -1 to 1, along -z."""
+    to_camera = [
+        [-0.243232, -0.429738, -0.869577, 0],
+        [-4.55991e-08, 0.8965, -0.443043, 0],
+        [-0.969968, 0.107762, 0.218058, 0],
+        [-0.49336, -0.356619, 6.48486, 1],
+    ]
+    to_ndc = [
+        [-0.587216, -1.84441, -8.69577e-05, 0.869577],
+        [-1.10086e-07, 3.84773, -4.43043e-05, 0.443043],
+        [-2.34172, 0.462509, 2.18058e-05, -0.218058],
+        [-1.19108, -1.53059, 0.000648386, -6.48486],
+    ]
+    header = {"worldToCamera": np.float32(to_camera), "worldToNDC": np.float32(to_ndc)}
+    store(
+        tmp_path / "a.exr", header, rgb(72, 128) | {f"n.{c}": np.full((72, 128), c == "Z", np.float32) for c in "XYZ"}
+    )
+    frame = io.read_exr(tmp_path / "a.exr", mapping={"normal": {"channels": ["n.X", "n.Y", "n.Z"], "space": "camera"}})
+    np.testing.assert_allclose(frame.camera.position, np.linalg.inv(to_camera)[3, :3], atol=1e-4)
+    np.testing.assert_allclose(frame.camera.forward, np.negative(to_camera)[:3, 2], atol=1e-5)
+    right, up, backward = np.transpose(to_camera)[:3, :3]
+    point = frame.camera.position + right + 0.5 * up - 5 * backward
+    np.testing.assert_allclose(frame.camera.project(point)[0], [94.902, 20.549], atol=1e-3)
+    np.testing.assert_allclose(frame.normal[0, 0], -backward, atol=1e-5)  # a mapping's z is forward
 
 
 def test_data_window(tmp_path):

@@ -928,7 +928,9 @@ def _cameras(path: Path, header: dict[str, Any]) -> list[View]:
                 raise ValueError(f"{path}: worldToNDC: {error}") from None
             continue
         matrix = to_camera[0] if to_camera and np.linalg.det(to_camera[0][:3, :3]) else camera.world_to_camera
-        views.append((camera, np.asarray(matrix, np.float64)))
+        # The camera space of some renderers, as of Houdini, has z backward.
+        forward = np.diag([1, 1, np.copysign(1, matrix[2, :3] @ camera.forward), 1])
+        views.append((camera, forward @ matrix))
     return views
 
 
@@ -962,8 +964,8 @@ def _jitter(path: Path, header: dict[str, Any]) -> tuple[float, float] | None:
 def _implausibility(matrices: Sequence[NDArray[np.float64]]) -> float:
     """How far matrices for column vectors, worldToNDC and maybe worldToCamera, are from those of one camera.
 
-    The homogeneous coordinate of one is the depth of the other, and the middle of the view is on the screen, whose y
-    is down. Without worldToCamera, the world is taken to be right-handed.
+    The homogeneous coordinate of one is the depth of the other or its negative, and the middle of the view is on the
+    screen, whose y is down. Without worldToCamera, the world is taken to be right-handed.
     """
     to_ndc, *to_camera = matrices
     length = np.linalg.norm(to_ndc[3, :3])
@@ -974,5 +976,7 @@ def _implausibility(matrices: Sequence[NDArray[np.float64]]) -> float:
     middle = np.abs(ahead[:2] / ahead[2] - 0.5).max()
     up = to_camera[0][1, :3] if to_camera else np.cross(to_ndc[0, :3], axis[:3])
     return float(
-        middle + _UPSIDE_DOWN * (up @ to_ndc[1, :3] > 0) + sum(np.abs(matrix[2] - axis).max() for matrix in to_camera)
+        middle
+        + _UPSIDE_DOWN * (up @ to_ndc[1, :3] > 0)
+        + sum(min(np.abs(matrix[2] - z).max() for z in (axis, -axis)) for matrix in to_camera)
     )
