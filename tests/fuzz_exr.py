@@ -237,6 +237,7 @@ def work(first: int, last: int) -> None:
     warnings.simplefilter("error")
     # Damaged matrices and positions do not fit each other.
     warnings.filterwarnings("ignore", "worldToNDC: not used", UserWarning)
+    warnings.filterwarnings("ignore", "depth: not used", UserWarning)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "a.exr"
         for number in range(first, last):

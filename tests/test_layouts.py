@@ -1,6 +1,7 @@
 """Files in the layouts of renderers: what is read is the canonical form of what was stored."""
 
 import re
+import warnings
 from dataclasses import replace
 
 import layouts
@@ -172,14 +173,42 @@ def test_the_screen_of_pbrt(tmp_path, size):
 
 
 def test_a_camera_that_sees_something_else_is_not_used(tmp_path, shot):
-    """As with a screen window, which the header does not tell. Positions stay where they are."""
+    """As with a screen window, which the header does not tell. Positions stay where they are, and are no depth."""
     turned = yester.Camera.from_look_at([3, 9, 2], [5, 5, 5], [0, 1, 0], 20, shot.width, shot.height)
     layouts.pbrt(tmp_path / "a.exr", replace(shot, camera=turned), half=False, space="world")
-    with pytest.warns(UserWarning, match="worldToNDC: not used, as it puts positions elsewhere"):
+    with (
+        pytest.warns(UserWarning, match="worldToNDC: not used, as it puts positions elsewhere"),
+        pytest.warns(UserWarning, match="depth: not used, as it is from positions, some of which lie behind"),
+    ):
         frame = io.read_exr(tmp_path / "a.exr")
     assert frame.camera is None
+    assert frame.depth is None
     seen = hit(shot)
     np.testing.assert_allclose(frame.position[seen], shot.position[seen])
+
+
+@pytest.mark.parametrize("space", ["camera", "world"])
+@pytest.mark.parametrize("ndc", [None, "screenwindow"])
+@pytest.mark.parametrize("away", [0, 100])
+def test_depth_of_pbrt_without_a_camera(tmp_path, shot, space, ndc, away):
+    """worldToCamera tells the space of positions, also where all have a positive z in world space."""
+    shift = np.eye(4)
+    shift[2, 3] = away
+    moved = shot.camera.world_to_clip @ np.linalg.inv(shift)
+    there = replace(
+        shot, position=shot.position + np.float32([0, 0, away]), camera=yester.Camera(moved, *shot.shape[::-1])
+    )
+    layouts.pbrt(tmp_path / "a.exr", there, half=False, space=space)
+    file = OpenEXR.File(str(tmp_path / "a.exr"), separate_channels=True)
+    planes = {name: channel.pixels for name, channel in file.channels().items()}
+    header = {"worldToCamera": file.header()["worldToCamera"], "renderTimeSeconds": 1.0}
+    if ndc:
+        header["worldToNDC"] = np.diag(np.float32([3, 1, 1, 1])) @ file.header()["worldToNDC"]
+    layouts.store(tmp_path / "b.exr", planes, header)
+    with warnings.catch_warnings(action="ignore", category=UserWarning):
+        frame = io.read_exr(tmp_path / "b.exr")
+    assert frame.camera is None
+    np.testing.assert_allclose(frame.depth, shot.depth, rtol=1e-4)
 
 
 def test_positions_choose_the_camera_of_every_renderer(tmp_path):

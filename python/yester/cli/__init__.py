@@ -47,8 +47,8 @@ def _main(arguments: Sequence[str] | None) -> int:
     try:
         options = _parser().parse_args(arguments)
         with warnings.catch_warnings():
-            # Of one shot, that of motion comes twice, from both directions of time; that of the camera for every frame.
-            for about in ("frames: later frames are not used", "motion:", "worldToNDC:"):
+            # Of one shot, that of motion comes twice, from both directions of time; those of files for every frame.
+            for about in ("frames: later frames are not used", "motion:", "worldToNDC:", "depth: not used"):
                 warnings.filterwarnings("once", about)
             warnings.showwarning = _warned
             status = int(options.run(options) or 0)

@@ -27,7 +27,11 @@ View = tuple[Camera, NDArray[np.float64]]
 
 @np.errstate(over="ignore", invalid="ignore")  # of damaged or extreme values, which become infinite or stay NaN
 def canonical(
-    known: Recognised, pixels: Callable[[str], Array], views: list[View], display: tuple[float, float]
+    known: Recognised,
+    pixels: Callable[[str], Array],
+    views: list[View],
+    display: tuple[float, float],
+    to_camera: NDArray[np.float64] | None = None,
 ) -> tuple[dict[str, Array], Camera | None]:
     """The buffers of a file in canonical form.
 
@@ -40,11 +44,13 @@ def canonical(
         The cameras that the header may mean, the likeliest one first.
     display : (float, float)
         Width and height of the display window in pixels, to which motion in other units refers.
+    to_camera : (4, 4) ndarray, optional
+        From world to camera space, as pbrt stores it: tells the depth of positions where no camera does.
 
     Returns
     -------
     (dict of str to ndarray, Camera or None)
-        The buffers and the camera.
+        The buffers and the camera. Depth from positions is left out where nothing tells their space.
     """
     buffers: dict[str, Array] = {}
     for name, found in known.buffers.items():
@@ -63,8 +69,10 @@ def canonical(
     forms = {name: found.form for name, found in known.buffers.items()}
     view, space = _view(buffers.get("position"), forms.get("position"), views)
     _to_world(buffers, forms, view, space)
-    if "depth" in buffers:
-        buffers["depth"] = _depth(buffers, forms, view, space)
+    if "depth" in buffers and (depth := _depth(buffers, forms, view, to_camera)) is not None:
+        buffers["depth"] = depth
+    else:
+        buffers.pop("depth", None)
     if known.renderer:
         _mark_misses(buffers, forms)
     if known.averaged and "normal" in buffers:
@@ -172,12 +180,9 @@ def _view(position: Array | None, form: Form | None, views: list[View]) -> tuple
     likeliest = views[0] if views else None
     if position is None or form is None or not views:
         return likeliest, "camera"
-    hit = np.flatnonzero(np.isfinite(position).all(-1) & (position != 0).any(-1))
-    hit = hit[:: max(len(hit) // _PROBES, 1)]
-    if not len(hit):
+    points, pixels = _probes(position)
+    if not len(points):
         return likeliest, "camera"
-    points = position.reshape(-1, 3)[hit].astype(np.float64)
-    pixels = np.stack([hit % position.shape[1], hit // position.shape[1]], -1) + 0.5
 
     def error(choice: tuple[View, str]) -> float:
         (camera, to_camera), space = choice
@@ -188,6 +193,14 @@ def _view(position: Array | None, form: Form | None, views: list[View]) -> tuple
     spaces = ("camera", "world") if form.space == "either" else (form.space,)
     best = min(((view, space) for view in views for space in spaces), key=error)
     return best if error(best) < max(2.0, _OFF * max(position.shape)) else (None, "camera")
+
+
+def _probes(position: Array) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Some positions, and their pixels."""
+    hit = np.flatnonzero(np.isfinite(position).all(-1) & (position != 0).any(-1))
+    hit = hit[:: max(len(hit) // _PROBES, 1)]
+    points = position.reshape(-1, 3)[hit].astype(np.float64)
+    return points, np.stack([hit % position.shape[1], hit // position.shape[1]], -1) + 0.5
 
 
 def _to_world(buffers: dict[str, Array], forms: Mapping[str, Form], view: View | None, space: str) -> None:
@@ -206,17 +219,22 @@ def _to_world(buffers: dict[str, Array], forms: Mapping[str, Form], view: View |
             buffers[name] = np.where(miss, 0, world).astype(np.float32)
 
 
-def _depth(buffers: dict[str, Array], forms: Mapping[str, Form], view: View | None, space: str) -> Array:
-    """Depth along the camera axis, +inf where nothing was hit."""
+def _depth(
+    buffers: dict[str, Array], forms: Mapping[str, Form], view: View | None, to_camera: NDArray[np.float64] | None
+) -> Array | None:
+    """Depth along the camera axis, +inf where nothing was hit; None if nothing tells the space of positions."""
     depth: Array = buffers["depth"].astype(np.float32, copy=False)
     form = forms["depth"]
     far = ~(depth < _FAR)
     miss = {"zero": far | (depth == 0), "far": far, "inf": np.zeros_like(depth, bool)}[form.miss]
     position = buffers.get("position")
-    from_position = form.kind == "distance" or form.space == "either"
-    if view is not None and position is not None and from_position and not form.near:
-        if form.space == "either":
-            miss = (position == 0).all(-1)
+    if form.space == "either" and position is not None:
+        miss = (position == 0).all(-1)
+        ahead = view[0].project(position)[1] if view else _z(position, miss, to_camera)
+        if ahead is None:
+            return None
+        depth = ahead
+    elif view is not None and position is not None and form.kind == "distance" and not form.near:
         depth = view[0].project(position)[1]
     elif view is not None and form.kind == "distance":
         depth = depth * (view[0].rays()[1] @ view[0].forward) + np.float32(form.near)
@@ -227,6 +245,28 @@ def _depth(buffers: dict[str, Array], forms: Mapping[str, Form], view: View | No
         if miss.any() or form != Form()
         else depth
     )
+
+
+def _z(position: Array, miss: NDArray[np.bool_], to_camera: NDArray[np.float64] | None) -> Array | None:
+    """Depth of positions in camera or world space: that of the space whose pixels are most like those of a pinhole.
+
+    None if some positions lie behind the camera in either space.
+    """
+    points, pixels = _probes(position)
+
+    def bend(matrix: NDArray[np.float64]) -> float:
+        """How far pixels are from an affine function of their rays' slopes."""
+        inside = _transformed(points, matrix)
+        if not (inside[:, 2] > 0).all() or not np.isfinite(inside).all():
+            return np.inf
+        slopes = inside / inside[:, 2:]
+        return float(np.abs(slopes @ np.linalg.lstsq(slopes, pixels)[0] - pixels).sum())
+
+    for matrix in sorted([np.eye(4), *([] if to_camera is None else [to_camera])], key=bend):
+        depth = position @ matrix[2, :3] + matrix[2, 3]
+        if not (depth[~miss] <= 0).any():
+            return np.asarray(depth, np.float32)
+    return None
 
 
 def _mark_misses(buffers: dict[str, Array], forms: Mapping[str, Form]) -> None:

@@ -795,13 +795,16 @@ def _frame(contents: Contents, parts: dict[int, Any]) -> Frame:
     _, (width, height) = _window(contents.header, "displayWindow")
     cameras, jitter = contents.cameras(), contents.jitter()
     try:
-        buffers, camera = canonical(known, pixels, cameras, (float(width), float(height)))
+        to_camera = _to_camera(contents.attributes("worldToCamera"))
+        buffers, camera = canonical(known, pixels, cameras, (float(width), float(height)), to_camera)
         frame = Frame(**buffers, camera=camera, jitter=jitter)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{path}: {error}") from None
     if cameras and camera is None:
         # The same text for every file of a sequence, so that it can be told once.
         warnings.warn("worldToNDC: not used, as it puts positions elsewhere on the screen", stacklevel=2)
+    if "depth" in known.buffers and "depth" not in buffers:
+        warnings.warn("depth: not used, as it is from positions, some of which lie behind the camera", stacklevel=2)
     return frame
 
 
@@ -932,6 +935,14 @@ def _cameras(path: Path, header: dict[str, Any]) -> list[View]:
         forward = np.diag([1, 1, np.copysign(1, matrix[2, :3] @ camera.forward), 1])
         views.append((camera, forward @ matrix))
     return views
+
+
+def _to_camera(header: dict[str, Any]) -> NDArray[np.float64] | None:
+    """The attribute worldToCamera as it is stored, if it is a matrix."""
+    matrix = header.get("worldToCamera")
+    if not isinstance(matrix, np.ndarray) or matrix.shape != (4, 4) or not np.isfinite(matrix).all():
+        return None
+    return matrix.astype(np.float64)
 
 
 def _crop(header: dict[str, Any]) -> NDArray[np.float64]:
