@@ -107,6 +107,25 @@ def test_a_denoised_render_is_not_what_is_denoised(tmp_path, shot):
     assert (io.read_exr(tmp_path / "c.exr").color == 1).all()
 
 
+@pytest.mark.parametrize("guide", ["Depth", "Position"])
+def test_an_index_is_0_unless_it_is_set(tmp_path, shot, guide):
+    """Objects without one are not the background; where none is set, there are no ids."""
+    kept = {"Depth.Z", "Position.X", "Position.Y", "Position.Z"}
+    kept = {name for name in kept if name.startswith(guide)} | {f"Combined.{c}" for c in "RGB"} | {"IndexOB.X"}
+    for index in (0 * shot.ids, np.where(shot.ids == layouts.flight.BALL, 7, 0)):
+        layouts.cycles(tmp_path / "a.exr", replace(shot, ids=index), denoising=False, crypto=False)
+        file = OpenEXR.File(str(tmp_path / "a.exr"), separate_channels=True)
+        planes = {n: c.pixels for n, c in file.channels().items() if n.partition(".")[2] in kept}
+        layouts.store(tmp_path / "b.exr", planes, {"Software": "Blender 4.2.0"})
+        frame = io.read_exr(tmp_path / "b.exr")
+        if guide == "Position":
+            np.testing.assert_array_equal(np.isfinite(frame.position).all(-1), hit(shot))
+        if not index.any():
+            assert frame.ids is None
+            continue
+        same_regions(frame.ids, np.where(index == 7, 2, hit(shot)))
+
+
 def test_of_two_view_layers_the_one_with_more_buffers(tmp_path, shot):
     layouts.cycles(tmp_path / "a.exr", shot, denoising=False, crypto=False)
     channels = OpenEXR.File(str(tmp_path / "a.exr"), separate_channels=True).channels()

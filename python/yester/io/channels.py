@@ -71,6 +71,8 @@ class Form:
         Depth of a pixel in which nothing was hit: ``"inf"``, ``"far"`` (1e9 and beyond) or ``"zero"`` (or far).
     cryptomatte : bool
         Ids are ranks of a cryptomatte: id and coverage in turn.
+    index : bool
+        Ids are numbers that users give to objects, which have 0 without one.
     """
 
     unit: str = "pixels"
@@ -80,6 +82,7 @@ class Form:
     near: float = 0.0
     miss: str = "inf"
     cryptomatte: bool = False
+    index: bool = False
 
 
 #: The values of each property of a form that has a fixed set of them.
@@ -205,9 +208,9 @@ _CYCLES = Convention(
             "motion_next", ("Vector.ZW",), Form(scale=(-1, 1)), note="Vector pass of Blender Cycles: turned to y down"
         ),
         Layer("ids", ("CryptoObject##.RGBA",), Form(cryptomatte=True)),
-        Layer("ids", ("Object Index.X", "IndexOB.X", "Object Index.V", "IndexOB.V")),
+        Layer("ids", ("Object Index.X", "IndexOB.X", "Object Index.V", "IndexOB.V"), Form(index=True)),
         Layer("ids", ("CryptoAsset##.RGBA", "CryptoMaterial##.RGBA"), Form(cryptomatte=True)),
-        Layer("ids", ("Material Index.X", "IndexMA.X", "Material Index.V", "IndexMA.V")),
+        Layer("ids", ("Material Index.X", "IndexMA.X", "Material Index.V", "IndexMA.V"), Form(index=True)),
         Layer("position", ("Position.XYZ",), note="of a pixel's first sample alone"),
         Layer("emission", ("Emission.RGB", "Emit.RGB"), plus=("Environment.RGB", "Env.RGB")),
         Layer("emission", ("Environment.RGB", "Env.RGB")),

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from .._core import Camera
 from .channels import Form, Found, Recognised
 
-#: The id of pixels in which a renderer has averaged the ids of several objects: those match each other only.
+#: The id of pixels in which a renderer has averaged the ids of several objects, and of objects without an id among
+#: others that have one: those match each other only.
 MIXED = 2**32 - 1
 #: Depths from here on are those of nothing: Blender Cycles has 1e10 for a miss, 1e11 where nothing was rendered.
 _FAR = 1e9
@@ -64,9 +65,11 @@ def canonical(
         buffers[name] = _scaled(value, found.form, name, display)
     for name in {"depth", "ids", "hit_distance", "reactive"} & buffers.keys():
         buffers[name] = buffers[name].reshape(buffers[name].shape[:2])
+    forms = {name: found.form for name, found in known.buffers.items()}
     if "ids" in buffers:
         buffers["ids"] = _whole(buffers["ids"])
-    forms = {name: found.form for name, found in known.buffers.items()}
+        if forms["ids"].index and not buffers["ids"].any():
+            del buffers["ids"]
     view, space = _view(buffers.get("position"), forms.get("position"), views)
     _to_world(buffers, forms, view, space)
     if "depth" in buffers and (depth := _depth(buffers, forms, view, to_camera)) is not None:
@@ -129,6 +132,8 @@ def _conversions(name: str, found: Found, known: Recognised, *, camera: bool) ->
         told.append("1e9 and beyond: nothing was hit")
     if form.cryptomatte:
         told.append("the id that covers most of a pixel")
+    if form.index:
+        told.append("numbers that users set: not used where all are 0")
     if found.plus:
         told.append(f"and {' '.join(found.plus)} added")
     return told
@@ -270,16 +275,19 @@ def _z(position: Array, miss: NDArray[np.bool_], to_camera: NDArray[np.float64] 
 
 
 def _mark_misses(buffers: dict[str, Array], forms: Mapping[str, Form]) -> None:
-    """Pixels in which nothing was hit, by depth, else ids, else positions: they have neither position nor albedo."""
+    """Pixels in which nothing was hit, by depth, else positions, else ids: they have neither position nor albedo."""
     position = buffers.get("position")
     if "depth" in buffers and forms["depth"].miss != "inf":
         miss = np.isinf(buffers["depth"])
-    elif "ids" in buffers:
-        miss = buffers["ids"] == 0
     elif position is not None:
         miss = (position == 0).all(-1)
+    elif "ids" in buffers and not forms["ids"].index:
+        miss = buffers["ids"] == 0
     else:
         return
+    if "ids" in buffers and forms["ids"].index:
+        # Objects without a number are not the background.
+        buffers["ids"] = np.where(~miss & (buffers["ids"] == 0), np.uint32(MIXED), buffers["ids"])
     if position is not None:
         buffers["position"] = np.where(miss[..., None], np.float32(np.nan), position)
     if "albedo" in buffers and "normal" in buffers:

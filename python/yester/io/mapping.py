@@ -27,7 +27,7 @@ _OF: dict[str, tuple[str, ...]] = {
     "space": ("normal", "position"),
     **dict.fromkeys(("kind", "near", "miss"), ("depth",)),
 }
-_PROPERTIES = {"channels", *(one.name for one in fields(Form))} - {"cryptomatte"}
+_PROPERTIES = {"channels", *(one.name for one in fields(Form))} - {"cryptomatte", "index"}
 
 
 def load(given: Mapped | None) -> dict[str, dict[str, Any]]:
