@@ -13,6 +13,7 @@ from compare import assert_same_bits
 from yester import io
 from yester.cli import main
 from yester.io import channels, exr
+from yester.io.mapping import parse
 
 HALF_STEP = 2.0**-10
 
@@ -616,10 +617,12 @@ def test_guesses():
     names = (
         [f"Normals.{c}" for c in "XYZ"] + [f"beauty.Albedo1.{c}" for c in "RGB"] + ["Depth0.Z", "whatever.R", "mv.X"]
     )
+    names += [f"VRayVelocity.{c}" for c in "RGB"]
     found = {
-        "Normals": "normal=Normals.X,Normals.Y,Normals.Z",
-        "beauty.Albedo1": "albedo=beauty.Albedo1.R,beauty.Albedo1.G,beauty.Albedo1.B",
-        "Depth0": "depth=Depth0.Z",
+        "Normals": ("normal=Normals.X,Normals.Y,Normals.Z",),
+        "beauty.Albedo1": ("albedo=beauty.Albedo1.R,beauty.Albedo1.G,beauty.Albedo1.B",),
+        "Depth0": ("depth=Depth0.Z", "depth.miss=far"),
+        "VRayVelocity": ("motion_next=VRayVelocity.R,VRayVelocity.G",),
     }
     assert channels.guesses(names, color=False) == found
     others = [f"BG.{name}" for name in ("Vector.X", "Vector.Y", "Depth.Z", "CryptoObject00.R")]
@@ -628,8 +631,18 @@ def test_guesses():
     assert channels.guesses([*names, *colour], color=False) == found
     assert channels.guesses([*names, *colour], color=True) == {
         **found,
-        "Combned": "color=Combned.R,Combned.G,Combned.B",
+        "Combned": ("color=Combned.R,Combned.G,Combned.B",),
     }
+
+
+def test_the_guess_of_a_depth_has_its_misses(tmp_path, shot, capsys):
+    """As Blender's files of one layer have them; what `yester info` prints can be pasted."""
+    z = np.where(hit(shot), shot.depth, 1e10)
+    layouts.store(tmp_path / "a.exr", layouts.layers({"RGB": shot.color}) | {"Z": z}, {"Software": "Blender 4.2.0"})
+    assert main(["info", str(tmp_path / "a.exr")]) == 0
+    assert "Z may be depth: --map 'depth=Z' --map 'depth.miss=far'" in capsys.readouterr().out
+    guess = io.describe(tmp_path / "a.exr").guesses["Z"]
+    assert_same_bits(io.read_exr(tmp_path / "a.exr", mapping=parse(guess)).depth, shot.depth)
 
 
 def test_what_may_be_colour_is_told(tmp_path, capsys):

@@ -54,7 +54,7 @@ def _info(options: argparse.Namespace) -> None:
     if known.unrecognised:
         print(f"not recognised: {_grouped(known.unrecognised)}")
         for layer, guess in known.guesses.items():
-            print(f"  {layer} may be {guess.partition('=')[0]}: --map '{guess}'")
+            print(f"  {layer} may be {guess[0].partition('=')[0]}:", *(f"--map '{one}'" for one in guess))
     if known.missing:
         print("missing:")
         for name, cost in known.missing.items():
@@ -108,7 +108,7 @@ def _like_motion(known: Description) -> list[str]:
     for channel, why in known.unused.items():
         if "motion" in f"{channel} {why}".lower():
             layers.setdefault(channel.rpartition(".")[0], []).append(channel)
-    guesses = [guess.partition("=")[2].split(",") for guess in known.guesses.values() if guess.startswith("motion=")]
+    guesses = [one.partition("=")[2].split(",") for one, *_ in known.guesses.values() if one.startswith("motion")]
     several = [sorted(own, key=lambda name: "XYZRGB".find(name[-1])) for own in layers.values() if len(own) > 1]
     return next(([*own[:2]] for own in [*several, *guesses]), [])
 

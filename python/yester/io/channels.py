@@ -510,13 +510,15 @@ def recognise(
     )
 
 
-def guesses(unknown: Iterable[str], *, color: bool, renderer: str = "") -> dict[str, str]:
+def guesses(unknown: Iterable[str], *, color: bool, renderer: str = "") -> dict[str, tuple[str, ...]]:
     """For layers that are not known, a mapping to the buffer whose known names are nearest; colour only if wanted.
+
+    Each is what ``--map`` takes, once or twice: a depth of 1e9 and beyond is taken for that of nothing.
 
     None for layers that the renderer has in another form, such as those of an unused view layer: channels alone
     would not say in which.
     """
-    known = {"normals": "normal", "velocity": "motion", "basecolor": "albedo", "distance": "depth"}
+    known = {"normals": "normal", "velocity": "motion_next", "basecolor": "albedo", "distance": "depth"}
     for layer in (layer for convention in (OURS, COMMON, *CONVENTIONS) for layer in convention.layers):
         for name in layer.names:
             known.setdefault(_plain(_parse(name)[0]), layer.buffer)
@@ -527,7 +529,7 @@ def guesses(unknown: Iterable[str], *, color: bool, renderer: str = "") -> dict[
     for channel in unknown:
         group, _, component = channel.rpartition(".")
         layers.setdefault(group or component, {})[component.upper() if group else ""] = channel
-    result = {}
+    result: dict[str, tuple[str, ...]] = {}
     for name, channels in layers.items():
         last = name.rpartition(".")[2].lower()
         has_form = bool({last, re.sub(r"\d\d$", "##", last)} & formed)
@@ -537,7 +539,8 @@ def guesses(unknown: Iterable[str], *, color: bool, renderer: str = "") -> dict[
             continue
         for components in _COMPONENTS.get(buffer, _SCALAR):
             if all(component in channels for component in components):
-                result[name] = f"{buffer}={','.join(channels[component] for component in components)}"
+                mapped = f"{buffer}={','.join(channels[component] for component in components)}"
+                result[name] = (mapped, "depth.miss=far") if buffer == "depth" else (mapped,)
                 break
     return result
 

@@ -83,8 +83,8 @@ class Description:
         Why it is that one.
     unused : dict of str to str
         Channels that are known but not used, with the reason.
-    guesses : dict of str to str
-        For unrecognised layers, what `mapping` could be, by the nearest known name.
+    guesses : dict of str to tuple of str
+        For unrecognised layers, what ``--map`` could be, by the nearest known name.
     views : tuple of str
         Names of the views of a stereo file.
     view : str
@@ -117,7 +117,7 @@ class Description:
     renderer: str = ""
     evidence: str = ""
     unused: dict[str, str] = field(default_factory=dict)
-    guesses: dict[str, str] = field(default_factory=dict)
+    guesses: dict[str, tuple[str, ...]] = field(default_factory=dict)
     views: tuple[str, ...] = ()
     view: str = ""
     remarks: tuple[str, ...] = ()
@@ -776,7 +776,7 @@ def _viewless(names: Iterable[str], views: tuple[str, ...], default: str, view: 
 def without_colour(path: Path, names: Sequence[str]) -> ValueError:
     """The error of a file without colour. It lists the channels, and says which layer may be colour."""
     got = ", ".join(names) or "none"
-    near = [guess for guess in guesses(names, color=True).items() if guess[1].startswith("color=")]
+    near = [(name, one) for name, (one, *_) in guesses(names, color=True).items() if one.startswith("color=")]
     hint = "; {} may be it: --map '{}'".format(*near[0]) if near else " (a mapping can name others)"
     return ValueError(f"{path}: no colour: expected channels R, G and B, got {got}{hint}")
 
