@@ -378,18 +378,24 @@ def test_what_has_a_prefix_of_its_own_is_something_else():
     assert group.buffers["depth"].channels == ("guides.depth.Z",)
 
 
-def test_denoising_depth_of_blender(tmp_path, shot):
+@pytest.mark.parametrize("component", "ZV")
+def test_denoising_depth_of_blender(tmp_path, shot, component):
     """The distance along the ray, with 0 where nothing was hit."""
     layouts.cycles(tmp_path / "a.exr", shot)
     planes = {n: c.pixels for n, c in OpenEXR.File(str(tmp_path / "a.exr"), separate_channels=True).channels().items()}
     del planes["ViewLayer.Depth.Z"], planes["ViewLayer.Position.X"]
     distance = np.linalg.norm(shot.position - shot.camera.position, axis=-1)
-    planes["ViewLayer.Denoising Depth.Z"] = np.where(hit(shot), distance, 0).astype(np.float32)
+    del planes["ViewLayer.Denoising Depth.Z"]
+    planes[f"ViewLayer.Mist.{component}"] = shot.depth
+    planes[f"ViewLayer.Denoising Depth.{component}"] = np.where(hit(shot), distance, 0).astype(np.float32)
     header = {"BlenderMultiChannel": "Blender V2.55.1 and newer"}
     layouts.store(tmp_path / "b.exr", planes, header)
     depth = io.read_exr(tmp_path / "b.exr").depth  # a distance, as there is no camera
     np.testing.assert_array_equal(np.isinf(depth), ~hit(shot))
     np.testing.assert_allclose(depth[hit(shot)], distance[hit(shot)], rtol=1e-6)
+    known = io.describe(tmp_path / "b.exr")
+    assert "the sum of its parts" in known.notes["depth"]
+    assert f"ViewLayer.Mist.{component}" in known.unused
 
 
 def test_parts_with_another_window_are_told(tmp_path):

@@ -198,9 +198,9 @@ _CYCLES = Convention(
         Layer("depth", ("Depth.Z", "Depth.V"), Form(miss="far")),
         Layer(
             "depth",
-            ("Denoising Depth.Z",),
+            ("Denoising Depth.Z", "Denoising Depth.V"),
             Form(kind="distance", miss="zero"),
-            note="the length of the ray; behind mirrors, from the last of them",
+            note="the length of the ray; by way of mirrors and glass, the sum of its parts, each times the throughput",
         ),
         # Previous minus current, and current minus next position; y up.
         Layer("motion", ("Vector.XY",), Form(scale=(1, -1)), note="Vector pass of Blender Cycles: turned to y down"),
@@ -234,7 +234,9 @@ _CYCLES = Convention(
         ),
         **dict.fromkeys(("Debug Sample Count.X", "Sample Count.X"), "a number of samples, which no method uses"),
         **dict.fromkeys(("AO.RGB", "Ambient Occlusion.RGB", "Shadow.RGB", "Shadow Catcher.RGB"), _NO_METHOD),
-        **dict.fromkeys(("Mist.Z", "UV.UVA", "Denoising Roughness.X", "Denoising Specular Albedo.RGB"), _NO_METHOD),
+        **dict.fromkeys(
+            ("Mist.Z", "Mist.V", "UV.UVA", "Denoising Roughness.X", "Denoising Specular Albedo.RGB"), _NO_METHOD
+        ),
     },
     averaged=True,
 )
