@@ -427,10 +427,11 @@ def test_layers_of_two_renderers(tmp_path, shot):
 # Views
 
 
-def stereo(path, *, parts=False):
+def stereo(path, *, parts=False, listed=False):
     left, right = (np.full((4, 6), value, np.float32) for value in (1, 2))
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     if parts:
+        header |= {"multiView": ["left", "right"]} if listed else {}
         found = []
         for view, plane in (("right", right), ("left", left)):
             named = {**dict.fromkeys("RGB", plane), **dict.fromkeys(("Z",), 10 * plane)}
@@ -480,9 +481,11 @@ def test_layers_of_the_view_count_before_those_of_none(tmp_path, view):
     assert (frame.depth == {"right": 1, "left": 2}[view]).all()
 
 
-def test_views_in_parts(tmp_path):
+@pytest.mark.parametrize("listed", [False, True])
+def test_views_in_parts(tmp_path, listed):
+    """Each part is of its view, also where all of them list both views."""
     path = tmp_path / "a.exr"
-    stereo(path, parts=True)
+    stereo(path, parts=True, listed=listed)
     for view, value in ((None, 1), ("right", 2)):
         assert (io.read_exr(path, view=view).color == value).all()
     io.write_exr(tmp_path / "b.exr", np.full((4, 6, 3), 7.0), like=io.read_plate(path, view="right"))

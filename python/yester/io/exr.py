@@ -689,7 +689,7 @@ def read_headers(path: Path, mapping: Mapped | None, view: str | None) -> Conten
     main = _main(headers, parts, views, default, chosen) if len(headers) > 1 else 0
     places = _places(headers, [main, *(i for i in parts if i != main)], main)
     others = [i for i in range(len(headers)) if i not in parts]
-    bare = _viewless(places, views, default, chosen)
+    bare = _viewless(places, headers, views, default, chosen)
     skipped = [i for i in parts if i not in {part for part, _ in places.values()}]
     elsewhere = dict.fromkeys(_places(headers, skipped), "a part with another data window than the colour: not read")
     half = {name for name, (part, own) in places.items() if kinds[part].get(own) == layout.HALF}
@@ -719,7 +719,7 @@ def _main(headers: list[dict[str, Any]], parts: list[int], views: tuple[str, ...
     """The part that has the colour: by the names of layers and parts, or else the first with components R, G and B."""
     places = _places(headers, parts)
     attributes = {name: value for i in reversed(parts) for name, value in headers[i].items()}
-    known = recognise(_viewless(places, views, default, view), attributes)
+    known = recognise(_viewless(places, headers, views, default, view), attributes)
     if "color" in known.buffers:
         return places[known.buffers["color"].target[0]][0]
     coloured = [i for i in parts if "color" in recognise(_names(headers[i])).buffers]
@@ -755,18 +755,20 @@ def _places(headers: list[dict[str, Any]], parts: list[int], main: int | None = 
     return places
 
 
-def _viewless(names: Iterable[str], views: tuple[str, ...], default: str, view: str) -> dict[str, str]:
+def _viewless(
+    places: dict[str, tuple[int, str]], headers: list[dict[str, Any]], views: tuple[str, ...], default: str, view: str
+) -> dict[str, str]:
     """Channels of a view, and those of none, by their names without that of the view.
 
     The view's name is that of the innermost layer ("Storing Multi-View Images in OpenEXR Files", openexr.com).
-    Components without a layer belong to the default view. Channels of the view come first, as they count where others
-    have the same names.
+    Other channels belong to the view of their part, or, without a layer, to the default view. Channels of the view come
+    first, as they count where others have the same names.
     """
     bare: dict[str, dict[str, str]] = {view: {}, "": {}}
-    for channel in names:
+    for channel, (part, _) in places.items():
         layer, _, component = channel.rpartition(".")
         outer, _, inner = layer.rpartition(".")
-        own = inner if inner in views else "" if layer else default
+        own = inner if inner in views else str(headers[part].get("view") or ("" if layer else default))
         if own in bare:
             kept = outer if inner in views else layer
             bare[own][channel] = f"{kept}.{component}" if kept else component
