@@ -143,10 +143,27 @@ def test_frames_that_lack_a_buffer_are_numbered():
 
 def test_no_relation_must_beat_all_others():
     rng = np.random.default_rng(0)
-    for other, verdict in ((0.7, "wrong"), (0.4, "unclear")):
+    for other, verdict, index in ((0.7, "wrong", 1), (0.4, "unclear", None)):
         means = np.array([0.7, 0.4, other])[:, None]
         finding, chosen = judged("motion", "abc", "123", means + rng.normal(0, 0.01, (3, 50)), ["ids"], null=1)
-        assert (finding.verdict, chosen) == (verdict, int(verdict == "wrong"))
+        assert (finding.verdict, chosen) == (verdict, index)
+
+
+def test_cameras_that_nothing_makes_fit():
+    """They get no remedy, and nothing else is judged by them."""
+    layout = np.array([[2, 0, 0, -1], [0, -2, 0, 1], [0, 0, 1, 0], [0, 0, 0, 1]])
+    frames = [
+        replace(frame, camera=yester.Camera(layout @ frame.camera.world_to_clip, frame.width, frame.height))
+        for frame in sequence()
+    ]
+    for left_out in ((), ("position",)):
+        found = yester.check([replace(frame, **dict.fromkeys(left_out)) for frame in frames])
+        cameras, depth, motion, _, normal, *_ = found
+        assert (cameras.verdict, cameras.stored, cameras.remedy) == ("unclear", "no known convention fits", "")
+        assert motion.verdict == "right"
+        assert {depth.verdict, normal.verdict} <= {"right", "unchecked"}
+    *_, normal, _, _ = yester.check([replace(frame, position=None, motion=None) for frame in frames])
+    assert (normal.verdict, normal.stored) == ("unclear", "camera space, z backwards, if the cameras are right")
 
 
 def test_a_cut_is_no_mistake():

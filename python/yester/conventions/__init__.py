@@ -109,7 +109,7 @@ def check(
     -------
     list of Finding
         On cameras, depth, motion, jitter, normals, albedo and ids. What is found wrong is corrected before the next is
-        checked, so that one mistake is reported once.
+        checked, so that one mistake is reported once. Cameras that no convention makes fit are not used.
 
     Raises
     ------
@@ -140,7 +140,10 @@ def check(
         cameras, shot = judge_cameras_by_motion(shot)
     if depth.verdict == "unchecked":
         depth, shot = judge_depth_by_motion(shot, names)
-    return [cameras, depth, motion, judge_jitter(shot), judge_normals(shot, names), judge_albedo(shot), judge_ids(shot)]
+    normal = judge_normals(shot, names)
+    if normal.verdict == "wrong" and cameras.verdict not in ("right", "wrong"):
+        normal = replace(normal, verdict="unclear", stored=f"{normal.stored}, if the cameras are right")
+    return [cameras, depth, motion, judge_jitter(shot), normal, judge_albedo(shot), judge_ids(shot)]
 
 
 def _named(channels: Channels | None) -> dict[str, Sequence[tuple[float, str]]]:

@@ -131,11 +131,10 @@ def _layout(
     distance: Callable[[list[Camera | None], int], NDArray[np.float64]],
     witnesses: list[str],
 ) -> tuple[Finding, list[Frame]]:
-    """The alternative whose cameras have the least distance in a part of the frames."""
+    """The alternative whose cameras have the least distance in a part of the frames; none if none fits."""
     every = _alternatives(shot)
     cameras, remedies = ([*each] for each in zip(*every.values(), strict=True))
     residuals = np.array([np.concatenate([distance(kind, i) for i in part]) for kind in cameras])
     finding, chosen = judged("cameras", [*every], remedies, residuals, witnesses)
-    if not chosen:
-        return finding, shot
-    return finding, [replace(f, camera=c) for f, c in zip(shot, cameras[chosen], strict=True)]
+    right = [None] * len(shot) if chosen is None else cameras[chosen]
+    return finding, [replace(f, camera=c) for f, c in zip(shot, right, strict=True)]

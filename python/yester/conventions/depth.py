@@ -25,7 +25,7 @@ def judge_depth(shot: list[Frame], channels: Channels) -> tuple[Finding, list[Fr
     if (lacking := lack(shot, "depth")) is not None:
         return Finding("depth", "unchecked", f"no depth{lacking}"), shot
     if any(frame.camera is None or frame.position is None for frame in shot):
-        return Finding("depth", "unchecked", "no cameras and positions to compare with"), shot
+        return Finding("depth", "unchecked", "no usable cameras and positions to compare with"), shot
     # The expected convention comes first, even if nothing can be compared.
     residuals: dict[str, list[NDArray[np.float64]]] = {_Z: []}
     remedies = {_Z: ""}
@@ -94,7 +94,7 @@ def judge_depth_by_motion(shot: list[Frame], channels: Channels) -> tuple[Findin
     """The motion of a still scene of that depth is that of the vectors."""
     missing = [name for name in ("depth", "camera", "motion") if any(getattr(f, name) is None for f in shot)]
     if missing:
-        return Finding("depth", "unchecked", f"no {', '.join(missing)}"), shot
+        return Finding("depth", "unchecked", f"no usable {', '.join(missing)}"), shot
     names, forward, back = [_Z, _RAY, f"negative {_Z}"], np.eye(1), -np.eye(1)
     read = channels["depth"]
     remedies = ["", mapping("depth", forward, read, kind="distance"), mapping("depth", back, read)]

@@ -97,8 +97,10 @@ def judged(
     null: int | None = None,
     near: Collection[int] = (),
     minor: Collection[int] = (),
-) -> tuple[Finding, int]:
-    """The finding and the index of the hypothesis that is chosen. Hypotheses come in order, the expected one first.
+) -> tuple[Finding, int | None]:
+    """The finding, and the index of the hypothesis that is chosen: None if none fits.
+
+    Hypotheses come in order, the expected one first.
 
     `residuals` are the disagreements of each hypothesis in each tile, (hypotheses, tiles). `null` is the hypothesis of
     no relation, which any other must beat, and which is chosen only if it beats all others. Those that are `near` the
@@ -123,17 +125,17 @@ def judged(
     best = min(eligible, key=lambda i: means[i])
     chosen = next(i for i in eligible if not worse(i, best)[2])
     fits = bool(means[chosen] < (_VAIN * means[null] if null in eligible else _POOR))
-    if not fits and null is not None and chosen:
+    if not fits and chosen:
         chosen = null if null in eligible and means[null] < _VAIN and not not_excluded(null) else 0
     others = [i for i in range(len(names)) if np.abs(residuals[i] - residuals[chosen]).max() > 1e-6]
     doubtful = not_excluded(chosen)
     rivals = tuple(names[i] for i in doubtful)
     margin, error = min((worse(i, chosen)[:2] for i in others if chosen in minor or i not in minor), default=(0.0, 0.0))
     verdict: Verdict = "wrong" if chosen else "unclear" if not fits or set(doubtful) - set(minor) else "right"
-    stored = names[chosen]
-    if not chosen and means[0] > _POOR and not fits:
-        stored = poor
-    return Finding(subject, verdict, stored, remedies[chosen], margin, error, rivals, told), chosen
+    unexplained = not chosen and not fits and means[0] > _POOR
+    stored = poor if unexplained else names[chosen]
+    finding = Finding(subject, verdict, stored, remedies[chosen], margin, error, rivals, told)
+    return finding, None if unexplained else chosen
 
 
 def tile_side(shape: tuple[int, ...]) -> int:

@@ -23,9 +23,7 @@ _INSIDE = 0.75
 def guides_of(shot: list[Frame]) -> list[dict[str, NDArray[np.float32]]]:
     """The images by which frames can be recognised in each other, by frame: float32 (H, W, C), finite."""
     names = [name for name in ("ids", "position", "depth", "normal", "albedo") if have(shot, name)]
-    if "position" not in names and "depth" in names and have(shot, "camera"):
-        names.append("camera")
-    return [{_WITNESS[name]: make(frame) for name in names or ["color"] for make in [_GUIDES[name]]} for frame in shot]
+    return [{name: _GUIDES[name](frame) for name in names or ["color"]} for frame in shot]
 
 
 def lack(shot: list[Frame], name: str) -> str | None:
@@ -90,10 +88,8 @@ _GUIDES: dict[str, Callable[[Frame], Any]] = {
     "depth": _log_depth,
     "normal": lambda frame: frame.normal,
     "albedo": lambda frame: frame.albedo,
-    "camera": unprojected,
     "color": _smooth_light,
 }
-_WITNESS = {name: name for name in _GUIDES} | {"camera": "position"}
 
 
 def _footprint(position: Floats) -> Floats:

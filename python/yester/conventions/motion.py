@@ -64,7 +64,7 @@ def judge_motion(shot: list[Frame], channels: Channels, display: tuple[int, int]
         # Objects that move by themselves may agree better with the cameras by a wrong convention: images exclude that.
         if second.verdict == "right" or (second.verdict == "wrong" and second.stored in finding.rivals):
             finding, chosen = second, other
-    right = every[chosen]
+    right = every[chosen or 0]
     finding = replace(finding, matrix=right.matrix)
     if not chosen:
         return finding, shot

@@ -34,7 +34,7 @@ def judge_normals(shot: list[Frame], channels: Channels) -> Finding:
     if (lacking := lack(shot, "normal")) is not None:
         return Finding("normal", "unchecked", f"no normals{lacking}")
     if any(frame.camera is None or (frame.position is None and frame.depth is None) for frame in shot):
-        return Finding("normal", "unchecked", "no cameras with depth or position to compare with")
+        return Finding("normal", "unchecked", "no usable cameras with depth or position to compare with")
     flips = {"z forward": (1, 1, 1), "z backwards": (1, 1, -1), "y down": (1, -1, 1)}
     axes = np.eye(3)
     changes: dict[str, tuple[NDArray[np.float64], bool]] = {"world space": (axes, False)}
