@@ -178,6 +178,14 @@ def test_two_frames_are_enough():
     assert yester.check_motion(frames).stored == "y up"
 
 
+def test_small_units_are_found_by_colour_alone():
+    """Stored vectors near zero are no reason to expect little disagreement: noise alone is more."""
+    motion = np.float32([160, 120])
+    frames = [yester.Frame(f.color, motion=f.motion[..., :2] / motion) for f in sequence(deviation=1)]
+    finding = yester.check_motion(frames)
+    assert (finding.verdict, finding.stored) == ("wrong", "fractions of the image's sides")
+
+
 @pytest.mark.slow
 def test_large_frames_are_thinned_first():
     frames = shifted(lambda x, y: (x / 800, -y / 600), 3, (600, 800))

@@ -124,7 +124,7 @@ def judged(
     eligible = [0, *(i for i in range(1, len(names)) if i not in near)]
     best = min(eligible, key=lambda i: means[i])
     chosen = next(i for i in eligible if not worse(i, best)[2])
-    fits = bool(means[chosen] < (_VAIN * means[null] if null in eligible else _POOR))
+    fits = bool(means[chosen] < (_POOR if null is None else _VAIN * means[null]))
     if not fits and chosen:
         chosen = null if null in eligible and means[null] < _VAIN and not not_excluded(null) else 0
     others = [i for i in range(len(names)) if np.abs(residuals[i] - residuals[chosen]).max() > 1e-6]
