@@ -168,7 +168,8 @@ def test_cameras_that_nothing_makes_fit():
 
 def test_a_cut_is_no_mistake():
     rng = np.random.default_rng(0)
-    frames = [replace(f, albedo=rng.random(f.color.shape)) for f in shifted(lambda x, y: (x, y))]
+    images = rng.random((4, 80, 120, 3), np.float32)
+    frames = [replace(f, color=i, albedo=i) for f, i in zip(shifted(lambda x, y: (x, y)), images, strict=True)]
     finding = yester.check_motion(frames)
     assert (finding.verdict, finding.stored) == ("unclear", "no hypothesis explains the frames, as at a cut")
 
@@ -184,6 +185,21 @@ def test_small_units_are_found_by_colour_alone():
     frames = [yester.Frame(f.color, motion=f.motion[..., :2] / motion) for f in sequence(deviation=1)]
     finding = yester.check_motion(frames)
     assert (finding.verdict, finding.stored) == ("wrong", "fractions of the image's sides")
+
+
+@pytest.mark.parametrize(
+    ("factors", "verdict", "stored"),
+    [
+        ((1, 1), "right", "previous minus current position, in pixels, y down"),
+        ((1, -1), "wrong", "y up"),
+        ((1 / 120, 1 / 80), "wrong", "fractions of the image's sides"),
+    ],
+)
+def test_where_guides_show_no_motion_colour_tells(factors, verdict, stored):
+    slope = np.linspace(5, 5.1, 80, dtype=np.float32)[:, None] * np.ones(120, np.float32)
+    frames = [replace(f, albedo=None, depth=slope) for f in shifted(lambda x, y: np.multiply((x, y), factors))]
+    finding = yester.check_motion(frames)
+    assert (finding.verdict, finding.stored, finding.witnesses) == (verdict, stored, ("color",))
 
 
 @pytest.mark.slow

@@ -2,7 +2,7 @@
 
 A convention is a hypothesis: what was stored, and the change that makes it canonical. Every hypothesis is applied to
 the frames, and the disagreement that is left is measured by tile of the image. For motion, the neighbouring frame is
-warped along it, and the guides (ids, positions, depths, normals, albedo; colour if there is nothing else) are compared
+warped along it, and the guides (ids, positions, depths, normals, albedo; colour if these tell nothing) are compared
 with those of the frame itself. Cameras are checked by projecting positions to pixels, depth by cameras and positions,
 normals by the slopes of positions, motion's jitter by the motion of the cameras, albedo by colour, ids by those of the
 frame before.
@@ -45,8 +45,9 @@ def check_motion(
     frames : iterable of Frame
         Consecutive frames of one shot with `motion`, at least two; from three on, motion that belongs to another frame
         is recognised. The guides `ids`, `position`, `depth`, `normal` and `albedo` are the witnesses; colour is used
-        if there are none. Frames should show motion in both axes that is not constant. Where motion is so slow that
-        images tell nothing, that of the cameras is the witness, if these and depth or position are known.
+        if there are none, or if they leave it unclear. Frames should show motion in both axes that is not constant.
+        Where motion is so slow that images tell nothing, that of the cameras is the witness, if these and depth or
+        position are known.
     channels : mapping of str to sequence of (float, str), optional
         For ``"motion"``, the file's channels that its components were made of, with the factors that were applied: the
         remedy names them. By default ``motion.X`` and ``motion.Y``.

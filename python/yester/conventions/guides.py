@@ -14,7 +14,7 @@ from ..messages import few
 from .findings import Floats, clipped, tile_means
 from .hypotheses import Motion, applied
 
-__all__ = ["guides_of", "have", "jitter_between", "lack", "sample_places", "unprojected", "warped"]
+__all__ = ["colours_of", "guides_of", "have", "jitter_between", "lack", "sample_places", "unprojected", "warped"]
 
 #: Less of the image than this must not be lost by warping.
 _INSIDE = 0.75
@@ -22,8 +22,15 @@ _INSIDE = 0.75
 
 def guides_of(shot: list[Frame]) -> list[dict[str, NDArray[np.float32]]]:
     """The images by which frames can be recognised in each other, by frame: float32 (H, W, C), finite."""
-    names = [name for name in ("ids", "position", "depth", "normal", "albedo") if have(shot, name)]
-    return [{name: _GUIDES[name](frame) for name in names or ["color"]} for frame in shot]
+    names = [name for name in _GUIDES if have(shot, name)]
+    if not names:
+        return colours_of(shot)
+    return [{name: _GUIDES[name](frame) for name in names} for frame in shot]
+
+
+def colours_of(shot: list[Frame]) -> list[dict[str, NDArray[np.float32]]]:
+    """As `guides_of`, without guides."""
+    return [{"color": _smooth_light(frame)} for frame in shot]
 
 
 def lack(shot: list[Frame], name: str) -> str | None:
@@ -88,7 +95,6 @@ _GUIDES: dict[str, Callable[[Frame], Any]] = {
     "depth": _log_depth,
     "normal": lambda frame: frame.normal,
     "albedo": lambda frame: frame.albedo,
-    "color": _smooth_light,
 }
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from ..frame import Frame
 from .cameras import relative_distance, still_vectors
 from .findings import Channels, Finding, Floats, judged, tile_means
-from .guides import guides_of, have, lack, warped
+from .guides import colours_of, guides_of, have, lack, warped
 from .hypotheses import Motion, applied, possible_motions, remedy, seen
 
 __all__ = ["judge_motion"]
@@ -21,6 +22,8 @@ __all__ = ["judge_motion"]
 _PIXEL, _HARDLY = 1.0, 0.05
 #: Images with more pixels are thinned for the first comparison of hypotheses of motion.
 _PIXELS = 250_000
+#: Said if no hypothesis fits.
+_CUT = "no hypothesis explains the frames, as at a cut"
 #: Hypotheses that are compared again in full resolution.
 _KEPT = 24
 
@@ -37,36 +40,46 @@ def judge_motion(shot: list[Frame], channels: Channels, display: tuple[int, int]
     values = values[np.isfinite(values)]
     grey = values.size > 0 and values.min() >= 0 and values.max() <= 1 and bool(np.abs(np.median(values) - 0.5) < 0.25)
     sides = display or (width, height)
-    every = [*possible_motions(*sides, timed=timed, grey=grey)]
-    guides = guides_of(shot)
-    # All hypotheses on the pair that moves most, in a thinned image; the best ones on all pairs in full.
+
+    def told(
+        hypotheses: list[Motion], residuals: NDArray[np.float64], witnesses: Iterable[str], **how: Any
+    ) -> tuple[Finding, Motion]:
+        names = [hypothesis.name for hypothesis in hypotheses]
+        remedies = [remedy(hypothesis, channels, sides) if i else "" for i, hypothesis in enumerate(hypotheses)]
+        # At a steady pace, motion of neighbouring frames is the same.
+        timed_ones = [i for i, hypothesis in enumerate(hypotheses) if hypothesis.file]
+        finding, chosen = judged("motion", names, remedies, residuals, witnesses, minor=timed_ones, **how)
+        right = hypotheses[chosen or 0]
+        return replace(finding, matrix=right.matrix), right
+
+    def by_images(images: list[dict[str, NDArray[np.float32]]]) -> tuple[Finding, Motion, list[Motion]]:
+        # All hypotheses on the pair that moves most, in a thinned image; the best ones on all pairs in full.
+        few = [{name: image[::thin, ::thin] for name, image in each.items()} for each in images]
+        rough = warped(every, [most], shot, [m[::thin, ::thin] for m in stored], few, thin)
+        # Motion of a few pixels is lost when thinned: hypotheses that differ by direction alone always stay.
+        best = rough.mean(1).argsort(kind="stable")[:_KEPT]
+        kept = [every[i] for i in sorted({*range(9), *best.tolist()})]
+        residuals, near = warped(kept, bases, shot, stored, images, 1), _near(kept, bases, stored)
+        return *told(kept, residuals, images[0], poor=_CUT, null=1, near=near), kept
+
+    every, guides = [*possible_motions(*sides, timed=timed, grey=grey)], guides_of(shot)
     thin = int(np.ceil(np.sqrt(width * height / _PIXELS)))
-    few = [{name: image[::thin, ::thin] for name, image in images.items()} for images in guides]
     most = max(bases, key=lambda t: float(np.nan_to_num(np.abs(stored[t] - 0.5 * grey)).mean()))
-    rough = warped(every, [most], shot, [m[::thin, ::thin] for m in stored], few, thin)
-    # Motion of a few pixels is lost when thinned: hypotheses that differ by direction alone always stay.
-    best = rough.mean(1).argsort(kind="stable")[:_KEPT]
-    every = [every[i] for i in sorted({*range(9), *best.tolist()})]
-    residuals = warped(every, bases, shot, stored, guides, 1)
-    names = [hypothesis.name for hypothesis in every]
-    remedies = [remedy(hypothesis, channels, sides) if i else "" for i, hypothesis in enumerate(every)]
-    # At a steady pace, motion of neighbouring frames is the same.
-    timed_ones = [i for i, hypothesis in enumerate(every) if hypothesis.file]
-    poor = "no hypothesis explains the frames, as at a cut"
-    near = _near(every, bases, stored)
-    finding, chosen = judged(
-        "motion", names, remedies, residuals, guides[0], poor=poor, null=1, near=near, minor=timed_ones
-    )
+    finding, right, kept = by_images(guides)
     geometry = next((name for name in ("position", "depth") if have(shot, name, "camera")), None)
     if finding.verdict == "unclear" and geometry is not None:
-        residuals = _beside_cameras(every, bases, shot, stored)
-        second, other = judged("motion", names, remedies, residuals, ["camera", geometry], minor=timed_ones)
+        second, other = told(kept, _beside_cameras(kept, bases, shot, stored), ["camera", geometry])
         # Objects that move by themselves may agree better with the cameras by a wrong convention: images exclude that.
         if second.verdict == "right" or (second.verdict == "wrong" and second.stored in finding.rivals):
-            finding, chosen = second, other
-    right = every[chosen or 0]
-    finding = replace(finding, matrix=right.matrix)
-    if not chosen:
+            finding, right = second, other
+    unrelated = every[1].name
+    if "color" not in guides[0] and (finding.verdict == "unclear" or finding.stored == unrelated):
+        second, other, _ = by_images(colours_of(shot))
+        # Guides that do not exclude history in place tell nothing: smooth surfaces agree best there.
+        left = {second.stored, unrelated} & {finding.stored, *finding.rivals}
+        if second.verdict == "right" or (second.verdict == "wrong" and left):
+            finding, right = second, other
+    if right.name == every[0].name:
         return finding, shot
     if right.here or not right.matrix.any():
         return finding, [replace(frame, motion=None) for frame in shot]
