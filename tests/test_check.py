@@ -202,6 +202,27 @@ def test_where_guides_show_no_motion_colour_tells(factors, verdict, stored):
     assert (finding.verdict, finding.stored, finding.witnesses) == (verdict, stored, ("color",))
 
 
+@pytest.mark.parametrize(
+    ("stored", "change", "remedy"),
+    [
+        ("next minus current position, in pixels, y down", lambda back, on: on, ""),
+        ("y up", lambda back, on: on * [1, -1], "motion_next=motion_next.X,-motion_next.Y"),
+        ("current minus next position", lambda back, on: -on, "motion_next=-motion_next.X,-motion_next.Y"),
+        ("to the previous frame", lambda back, on: back, "motion=motion_next.X,motion_next.Y"),
+        ("of the next frame", lambda back, on: np.add(on, 2), "from the file of the previous frame"),
+    ],
+)
+def test_motion_to_the_next_frame(stored, change, remedy):
+    """It has a finding of its own. The last frame needs none."""
+    frames = [*shifted(lambda x, y: (x, y), 5)]
+    frames[:-1] = [replace(f, motion_next=change(f.motion, -following.motion)) for f, following in pairwise(frames)]
+    *found, finding = yester.check(frames)
+    assert (finding.subject, finding.stored, finding.verdict) == ("motion_next", stored, "wrong" if remedy else "right")
+    assert remedy in finding.remedy
+    assert found[2].verdict == "right"
+    assert "motion_next" not in [each.subject for each in found]
+
+
 @pytest.mark.slow
 def test_large_frames_are_thinned_first():
     frames = shifted(lambda x, y: (x / 800, -y / 600), 3, (600, 800))

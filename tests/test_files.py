@@ -661,7 +661,7 @@ def test_check_needs_no_motion_of_the_first_frame(tmp_path, capsys):
     run("check", tmp_path, code=1)
     said = capsys.readouterr().out
     assert "looked at 1.exr to 3.exr" in said
-    assert "motion   wrong     y up" in said
+    assert "motion      wrong     y up" in said
 
 
 def test_a_data_window_that_moves(tmp_path, capsys):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -213,6 +213,11 @@ def alike(frames: Iterable[Frame]) -> Iterator[Frame]:
             got = f"height {frame.height} and width {frame.width} at {number}"
             raise ValueError(f"frames: expected {expected}, got {got}")
         yield frame
+
+
+def turned(frame: Frame) -> Frame:
+    """The frame as one of the reversed sequence."""
+    return replace(frame, motion=frame.motion_next, motion_next=None, replay=None)
 
 
 def present(frame: Frame) -> NDArray[np.float32]:

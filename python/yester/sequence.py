@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ._core import SVGF, TAA, History, Output, blend, invert_motion
-from .frame import Frame, alike
+from .frame import Frame, alike, turned
 from .judge import rests, still_motion
 from .plan import Planned, taken_apart
 
@@ -211,10 +211,10 @@ def _check_next(frame: Frame, following: Frame) -> None:
     pipeline = TAA("textbook")
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        for turned in (replace(following, motion_next=None), frame):
-            pipeline.step(_turned(turned))
-    for each in caught:
-        found = str(each.message).replace("motion:", "motion_next:").replace("previous", "next")
+        for each in (replace(following, motion_next=None), frame):
+            pipeline.step(turned(each))
+    for warning in caught:
+        found = str(warning.message).replace("motion:", "motion_next:").replace("previous", "next")
         warnings.warn(found, stacklevel=_outside())
 
 
@@ -249,11 +249,6 @@ def _motion_next(frame: Frame, following: Frame) -> NDArray[np.float32] | None:
 def _alone(frame: Frame) -> bool:
     """Whether no later frame can help."""
     return frame.motion_next is None
-
-
-def _turned(frame: Frame) -> Frame:
-    """The frame as one of the reversed sequence."""
-    return replace(frame, motion=frame.motion_next, motion_next=None, replay=None)
 
 
 def _chunks(
@@ -293,10 +288,10 @@ def _backwards(
             if back is None:
                 back = copy.copy(pipeline)
                 with _unchecked():
-                    look(back, _turned(replace(following, motion_next=None)), number + 1)
-                    results.append(look(back, _turned(frame), number))
+                    look(back, turned(replace(following, motion_next=None)), number + 1)
+                    results.append(look(back, turned(frame), number))
             else:
-                results.append(look(back, _turned(frame), number))
+                results.append(look(back, turned(frame), number))
         following = frame
     return results
 

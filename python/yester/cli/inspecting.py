@@ -88,7 +88,7 @@ def _checked(options: argparse.Namespace) -> int:
     stored = {
         buffer: [*zip(known.factors[buffer], channels, strict=True)]
         for buffer, channels in known.channels.items()
-        if buffer in ("motion", "depth", "normal")
+        if buffer in ("motion", "motion_next", "depth", "normal")
     }
     # A shot's first frame needs no motion: without it, the others have it.
     if len(chosen) > 2 and "motion" in known.channels and "motion" not in describe(chosen[0], **reading).channels:

@@ -25,13 +25,13 @@ from .cameras import judge_cameras, judge_cameras_by_motion
 from .depth import judge_depth, judge_depth_by_motion
 from .findings import Channels, Finding
 from .jitter import judge_jitter
-from .motion import judge_motion
+from .motion import judge_motion, judge_motion_next
 from .surfaces import judge_albedo, judge_ids, judge_normals
 
 __all__ = ["Finding", "check", "check_motion"]
 
 #: Buffers of vectors, and the length from which these count as missing.
-_VECTORS = "position", "normal", "motion"
+_VECTORS = "position", "normal", "motion", "motion_next"
 _FARTHEST = 1e14
 
 
@@ -102,15 +102,16 @@ def check(
     frames : iterable of Frame
         Consecutive frames of one shot, at least two; about five are enough.
     channels : mapping of str to sequence of (float, str), optional
-        As for `check_motion`; also for ``"depth"`` and ``"normal"``.
+        As for `check_motion`; also for ``"motion_next"``, ``"depth"`` and ``"normal"``.
     display : (int, int), optional
         As for `check_motion`.
 
     Returns
     -------
     list of Finding
-        On cameras, depth, motion, jitter, normals, albedo and ids. What is found wrong is corrected before the next is
-        checked, so that one mistake is reported once. Cameras that no convention makes fit are not used.
+        On cameras, depth, motion, jitter, normals, albedo and ids, and on `motion_next` if frames have it. What is
+        found wrong is corrected before the next is checked, so that one mistake is reported once. Cameras that no
+        convention makes fit are not used.
 
     Raises
     ------
@@ -144,13 +145,16 @@ def check(
     normal = judge_normals(shot, names)
     if normal.verdict == "wrong" and cameras.verdict not in ("right", "wrong"):
         normal = replace(normal, verdict="unclear", stored=f"{normal.stored}, if the cameras are right")
-    return [cameras, depth, motion, judge_jitter(shot), normal, judge_albedo(shot), judge_ids(shot)]
+    found = [cameras, depth, motion, judge_jitter(shot), normal, judge_albedo(shot), judge_ids(shot)]
+    if any(frame.motion_next is not None for frame in shot):
+        found.append(judge_motion_next(shot, names, display))
+    return found
 
 
 def _named(channels: Channels | None) -> dict[str, Sequence[tuple[float, str]]]:
-    return {name: [(1.0, channel) for channel in CANONICAL[name]] for name in ("motion", "depth", "normal")} | {
-        **(channels or {})
-    }
+    return {
+        name: [(1.0, channel) for channel in CANONICAL[name]] for name in ("motion", "motion_next", "depth", "normal")
+    } | {**(channels or {})}
 
 
 def _shot(frames: Iterable[Frame]) -> list[Frame]:

@@ -33,7 +33,7 @@ class Finding:
 
     Parameters
     ----------
-    subject : {"cameras", "depth", "motion", "jitter", "normal", "albedo", "ids"}
+    subject : {"cameras", "depth", "motion", "jitter", "normal", "albedo", "ids", "motion_next"}
     verdict : {"right", "wrong", "unclear", "unchecked"}
         ``"right"``: as expected, and all else is excluded. ``"wrong"``: another convention fits clearly better.
         ``"unclear"``: as expected as far as can be told, but others fit as well, or nothing fits. ``"unchecked"``:
@@ -51,7 +51,7 @@ class Finding:
     witnesses : tuple of str
         The buffers that told.
     matrix : (2, 2) ndarray of float64 or None
-        For motion: canonical x and y from the stored ones.
+        For `motion` and `motion_next`: canonical x and y from the stored ones.
 
     See Also
     --------
@@ -60,8 +60,8 @@ class Finding:
     Examples
     --------
     >>> print(yester.Finding("depth", "wrong", "distance along the ray", "--map depth.kind=distance"))
-    depth    wrong     distance along the ray
-                       write: --map depth.kind=distance
+    depth       wrong     distance along the ray
+                          write: --map depth.kind=distance
     """
 
     subject: str
@@ -75,14 +75,14 @@ class Finding:
     matrix: NDArray[np.float64] | None = None
 
     def __str__(self) -> str:
-        lines = [f"{self.subject:<8} {self.verdict:<9} {self.stored}"]
+        lines = [f"{self.subject:<11} {self.verdict:<9} {self.stored}"]
         if np.isfinite(self.margin):
             lines[0] += f" (margin {self.margin:.3f} ± {self.error:.3f}, by {', '.join(self.witnesses)})"
         if self.rivals:
             more = f"; and {len(self.rivals) - _SHOWN} more" if len(self.rivals) > _SHOWN else ""
-            lines.append(f"{'':<18} not excluded: {'; '.join(self.rivals[:_SHOWN])}{more}")
+            lines.append(f"{'':<21} not excluded: {'; '.join(self.rivals[:_SHOWN])}{more}")
         if self.remedy:
-            lines.append(f"{'':<18} write: {self.remedy}")
+            lines.append(f"{'':<21} write: {self.remedy}")
         return "\n".join(lines)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -11,7 +12,9 @@ from numpy.typing import NDArray
 
 from .findings import Channels, Floats
 
-__all__ = ["Motion", "applied", "mapping", "possible_motions", "remedy", "seen"]
+__all__ = ["Motion", "applied", "mapping", "named", "possible_motions", "remedy", "seen"]
+
+_OPPOSITE = {"previous": "next", "next": "previous"}
 
 
 @dataclass(frozen=True)
@@ -31,6 +34,13 @@ class Motion:
     @property
     def there(self) -> int:
         return -1 - self.here
+
+
+def named(hypothesis: Motion, buffer: str) -> str:
+    """Its name; for motion to the next frame, which is that of the reversed sequence, with directions changed."""
+    if buffer == "motion":
+        return hypothesis.name
+    return re.sub("previous|next", lambda found: _OPPOSITE[found[0]], hypothesis.name)
 
 
 def applied(hypothesis: Motion, stored: Floats) -> NDArray[np.float32]:
@@ -121,13 +131,16 @@ def mapping(
     return " ".join([f"--map {buffer}={named}", *(f"--map {buffer}.{name}={value}" for name, value in form.items())])
 
 
-def remedy(hypothesis: Motion, channels: Channels, sides: tuple[int, int]) -> str:
-    """What to write for canonical motion."""
+def remedy(hypothesis: Motion, buffer: str, channels: Channels, sides: tuple[int, int]) -> str:
+    """What to write for canonical motion, to the previous frame or to the next one."""
     if not hypothesis.matrix.any():
         return "leave the motion vectors out"
-    text = mapping("motion_next" if hypothesis.here else "motion", hypothesis.matrix, channels["motion"], sides)
+    buffers, neighbours = ("motion", "motion_next"), ("previous", "next")
+    if buffer == "motion_next":
+        buffers, neighbours = buffers[::-1], neighbours[::-1]
+    text = mapping(buffers[hypothesis.here], hypothesis.matrix, channels[buffer], sides)
     if hypothesis.zero:
         text += f", after subtracting {hypothesis.zero:g} from what is stored"
     if hypothesis.file != hypothesis.here:
-        text += f", from the file of the {'next' if hypothesis.file > 0 else 'previous'} frame"
+        text += f", from the file of the {neighbours[hypothesis.file > 0]} frame"
     return text

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..frame import Frame
+from ..frame import Frame, turned
 from .cameras import relative_distance, still_vectors
 from .findings import Channels, Finding, Floats, judged, tile_means
 from .guides import colours_of, guides_of, have, lack, warped
-from .hypotheses import Motion, applied, possible_motions, remedy, seen
+from .hypotheses import Motion, applied, named, possible_motions, remedy, seen
 
-__all__ = ["judge_motion"]
+__all__ = ["judge_motion", "judge_motion_next"]
 
 #: Vectors that are fewer pixels apart are not told apart by images, as interpolation blurs by as much. Where they are
 #: hardly apart at all does not count.
@@ -28,8 +28,22 @@ _CUT = "no hypothesis explains the frames, as at a cut"
 _KEPT = 24
 
 
-def judge_motion(shot: list[Frame], channels: Channels, display: tuple[int, int] | None) -> tuple[Finding, list[Frame]]:
-    """The finding, and the frames with canonical motion."""
+def judge_motion_next(shot: list[Frame], channels: Channels, display: tuple[int, int] | None) -> Finding:
+    """Motion to the next frame is the motion of the reversed shot."""
+    # The last frame needs none.
+    known = shot[:-1] if shot[-1].motion_next is None and len(shot) > 2 else shot
+    if (lacking := lack(known, "motion_next")) is not None:
+        return Finding("motion_next", "unchecked", f"no motion vectors{lacking}")
+    return judge_motion([turned(frame) for frame in reversed(known)], channels, display, "motion_next")[0]
+
+
+def judge_motion(
+    shot: list[Frame],
+    channels: Channels,
+    display: tuple[int, int] | None,
+    buffer: Literal["motion", "motion_next"] = "motion",
+) -> tuple[Finding, list[Frame]]:
+    """The finding on a buffer, and the frames with canonical motion. A reversed shot has that to the next frame."""
     if (lacking := lack(shot, "motion")) is not None:
         return Finding("motion", "unchecked", f"no motion vectors{lacking}"), shot
     height, width = shot[0].shape
@@ -44,11 +58,11 @@ def judge_motion(shot: list[Frame], channels: Channels, display: tuple[int, int]
     def told(
         hypotheses: list[Motion], residuals: NDArray[np.float64], witnesses: Iterable[str], **how: Any
     ) -> tuple[Finding, Motion]:
-        names = [hypothesis.name for hypothesis in hypotheses]
-        remedies = [remedy(hypothesis, channels, sides) if i else "" for i, hypothesis in enumerate(hypotheses)]
+        names = [named(hypothesis, buffer) for hypothesis in hypotheses]
+        remedies = [remedy(hypothesis, buffer, channels, sides) if i else "" for i, hypothesis in enumerate(hypotheses)]
         # At a steady pace, motion of neighbouring frames is the same.
         timed_ones = [i for i, hypothesis in enumerate(hypotheses) if hypothesis.file]
-        finding, chosen = judged("motion", names, remedies, residuals, witnesses, minor=timed_ones, **how)
+        finding, chosen = judged(buffer, names, remedies, residuals, witnesses, minor=timed_ones, **how)
         right = hypotheses[chosen or 0]
         return replace(finding, matrix=right.matrix), right
 
