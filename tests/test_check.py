@@ -371,6 +371,23 @@ def test_what_may_be_motion_is_tried(tmp_path, capsys, components):
     assert f"tried: motion=velocity.{components[0]},velocity.{components[1]}\n" in capsys.readouterr().out
 
 
+def test_every_layer_that_may_be_motion_is_tried(tmp_path, capsys):
+    """RenderMan's lead to the previous frame and to the next one: all other buffers are checked by the former."""
+    frames = sequence()[1:5]
+    for i, (frame, following) in enumerate(pairwise(frames)):
+        onward = yester.invert_motion(following.motion, following.depth)
+        planes = {f"Ci.{c}": frame.color[..., k] for k, c in enumerate("RGB")} | {"zfiltered": frame.depth}
+        planes |= {f"albedo.{c}": frame.albedo[..., k] for k, c in enumerate("RGB")}
+        for name, motion in (("forward", onward), ("backward", frame.motion)):
+            planes |= {f"{name}.{c}": motion[..., k] for k, c in enumerate("RG")}
+        layouts.store(tmp_path / f"{i}.exr", {name: plane.copy() for name, plane in planes.items()}, {})
+    assert cli.main(["check", str(tmp_path)]) == 0
+    said = capsys.readouterr().out
+    assert said.index("tried: motion=forward.R,forward.G\n") < said.index("tried: motion=backward.R,backward.G\n")
+    assert "write: --map motion_next=forward.R,forward.G\n" in said
+    assert "write: --map motion=backward.R,backward.G\n" in said
+
+
 @pytest.mark.slow
 def test_the_table_is_written(capsys, monkeypatch):
     monkeypatch.setattr(mistakes, "MISTAKES", MISTAKES[:1] + MISTAKES[-2:])

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from .. import check
+from .. import Finding, check
 from ..argtypes import filename, whole
 from ..io import Description, describe, mapping, read_sequence
 from ..io.shots import breaks
@@ -81,20 +83,16 @@ def _checked(options: argparse.Namespace) -> int:
     if len(chosen) < 2:
         raise ValueError(f"{paths[0]}: expected at least two consecutive frames, got {len(chosen)}")
     known = describe(chosen[-1], **reading)
-    if "motion" not in known.channels and (guess := _like_motion(known)):
+    guesses = [] if "motion" in known.channels else _like_motion(known)
+    looks = [_looked(chosen, reading, guess) for guess in guesses] or [_looked(chosen, reading)]
+    # What is told by the best guess of motion is printed; of the others, what they are.
+    best = min(range(len(looks)), key=lambda i: _unlike_motion(looks[i][1]))
+    for i, guess in sorted(enumerate(guesses), key=lambda each: each[0] == best):
         print(f"tried: motion={','.join(guess)}")
-        reading["mapping"] |= mapping.load({"motion": guess})
-        known = describe(chosen[-1], **reading)
-    stored = {
-        buffer: [*zip(known.factors[buffer], channels, strict=True)]
-        for buffer, channels in known.channels.items()
-        if buffer in ("motion", "motion_next", "depth", "normal")
-    }
-    # A shot's first frame needs no motion: without it, the others have it.
-    if len(chosen) > 2 and "motion" in known.channels and "motion" not in describe(chosen[0], **reading).channels:
-        del chosen[0]
-    found = check(read_sequence(chosen, **reading), channels=stored, display=known.display)
-    print(f"{known.renderer or 'no renderer'} recognised; looked at {chosen[0].name} to {chosen[-1].name}")
+        if i != best:
+            print(*(finding for finding in looks[i][1] if finding.subject == "motion"), sep="\n")
+    paths, found = looks[best]
+    print(f"{known.renderer or 'no renderer'} recognised; looked at {paths[0].name} to {paths[-1].name}")
     print(*found, sep="\n")
     if known.renderer.startswith("Mitsuba") and not known.camera:
         how = "yester.io.mitsuba.render_sequence renders with one, and write_exr stores it"
@@ -102,15 +100,42 @@ def _checked(options: argparse.Namespace) -> int:
     return int(any(finding.verdict == "wrong" for finding in found))
 
 
-def _like_motion(known: Description) -> list[str]:
-    """Two channels that may hold motion: of a layer that is known but not used, or one with a similar name."""
+def _looked(paths: list[Path], reading: dict[str, Any], guess: Sequence[str] = ()) -> tuple[list[Path], list[Finding]]:
+    """The files that are looked at, and the findings on them, with a guess of the channels of motion."""
+    if guess:
+        reading = reading | {"mapping": reading["mapping"] | mapping.load({"motion": guess})}
+    known = describe(paths[-1], **reading)
+    stored = {
+        buffer: [*zip(known.factors[buffer], channels, strict=True)]
+        for buffer, channels in known.channels.items()
+        if buffer in ("motion", "motion_next", "depth", "normal")
+    }
+    # A shot's first frame needs no motion: without it, the others have it.
+    if len(paths) > 2 and "motion" in known.channels and "motion" not in describe(paths[0], **reading).channels:
+        paths = paths[1:]
+    found = check(read_sequence(paths, **reading), channels=stored, display=known.display)
+    if guess:
+        # A guess that is right has to be written, too.
+        remedy = f"--map motion={','.join(guess)}"
+        found = [replace(f, remedy=remedy) if (f.subject, f.verdict) == ("motion", "right") else f for f in found]
+    return paths, found
+
+
+def _unlike_motion(found: Iterable[Finding]) -> int:
+    """0 if a guess is motion, 1 if it leads to the next frame, 2 if it is neither."""
+    (remedy,) = (finding.remedy for finding in found if finding.subject == "motion")
+    return next((i for i in (0, 1) if remedy.startswith(("--map motion=", "--map motion_next=")[i])), 2)
+
+
+def _like_motion(known: Description) -> list[list[str]]:
+    """Pairs of channels that may hold motion: of layers that are known but not used, or with a similar name."""
     layers: dict[str, list[str]] = {}
     for channel, why in known.unused.items():
         if "motion" in f"{channel} {why}".lower():
             layers.setdefault(channel.rpartition(".")[0], []).append(channel)
     guesses = [one.partition("=")[2].split(",") for one, *_ in known.guesses.values() if one.startswith("motion")]
-    several = [sorted(own, key=lambda name: "XYZRGB".find(name[-1])) for own in layers.values() if len(own) > 1]
-    return next(([*own[:2]] for own in [*several, *guesses]), [])
+    several = [sorted(own, key=lambda name: "XYZRGB".find(name[-1])) for own in layers.values()]
+    return [own[:2] for own in [*several, *guesses] if len(own) > 1]
 
 
 def _grouped(channels: Iterable[str], *, sort: bool = True) -> str:
