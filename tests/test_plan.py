@@ -234,6 +234,15 @@ def test_static_sequences_are_averaged(still):
     assert not yester.plan(frames(moving=False, light=lambda t: 0.8**t)).static
 
 
+def test_cameras_at_rest_are_used_if_nothing_else_tells_motion(still, moving):
+    """They alone tell that nothing moves, and how they move later."""
+    bare = {name: [replace(f, motion=None) for f in given] for name, given in (("still", still), ("moving", moving))}
+    for given in (still, moving, bare["moving"]):
+        assert "camera" in {stage.name for stage in yester.plan(given).stages}
+    found = yester.plan(bare["still"])
+    assert "camera" not in {stage.name for stage in found.stages} | {*found.without}
+
+
 def test_the_pipeline_is_svgf(moving):
     """SVGF with the plan's options, on the buffers that it uses."""
     chosen = yester.Plan({"iterations": 2}, yester.plan(moving).buffers, ("ids", "camera"))

@@ -423,8 +423,9 @@ def plan(frames: Iterable[Frame], *, count: int = PLANNED) -> Plan:
     better without, at two standard errors: by 5 % of its change from frame to frame, 1 to 2 % of its relMSE, and for
     buffers by 12.5 %, or 50 % if they are worth most at edges (position, depth, normals, ids, camera) and find
     surfaces again. Gradient, innovation and reflections are judged but always used: they are there for what the first
-    frames may not show. The combination is judged once more. Without evidence, everything is used. How many passes
-    filter a tile is no part of a plan, since `SVGF` chooses that itself, frame by frame.
+    frames may not show. Cameras are not judged while nothing moves, if there is no `motion`. The combination is judged
+    once more. Without evidence, everything is used. How many passes filter a tile is no part of a plan, since `SVGF`
+    chooses that itself, frame by frame.
 
     If camera and scene stand still and the light is constant, all samples are averaged as long as nothing moves
     (``average_still=True``), unless that is significantly worse.
@@ -545,6 +546,8 @@ class _Planning:
 
     def __init__(self, windows: Sequence[Sequence[Frame]], given: tuple[str, ...], shape: tuple[int, int]) -> None:
         self.windows, self.given = windows, given
+        #: Whether neither cameras nor anything else moves.
+        self.rests = all(rests(*pair) for window in windows for pair in pairwise(window))
         self.runs: dict[tuple[int, str], _Run] = {}
         # Not timed: first runs are slower.
         self.run(0, _Trial("warm-up"))
@@ -558,6 +561,9 @@ class _Planning:
         if not self.changes(default):
             return "nothing changes from frame to frame"
         groups = {name: tuple(n for n in group if n in self.given) for name, group in _GROUPS.items()}
+        if self.rests and "motion" not in self.given:
+            # Cameras alone tell that frames rest, and how they move later: now, nothing shows their worth.
+            del groups["camera"]
         # What distinguishes surfaces finds them again, unless it is broken.
         surfaces = ("position", "normal", "depth", "ids", "camera") if self.finds(default) else ()
         of_buffers = [
@@ -662,10 +668,9 @@ class _Planning:
 
     def static(self, trial: _Trial) -> bool:
         """Whether camera, scene and light stand still: motion is zero, and history hardly ever cut short."""
-        still = all(rests(*pair) for window in self.windows for pair in pairwise(window))
         lengths = [self.run(number, trial).length for number in range(len(self.windows))]
         # By default, the longest history has 1 / alpha = 5 samples.
-        return still and float(np.mean(lengths)) >= _CONSTANT * min(len(self.windows[0]), 5)
+        return self.rests and float(np.mean(lengths)) >= _CONSTANT * min(len(self.windows[0]), 5)
 
 
 def _bound(parts: list[NDArray[np.float64]], errors: float) -> tuple[float, float, float]:
