@@ -396,15 +396,40 @@ def test_given_motion_to_the_next_frame_is_used():
     assert lengths[0] > lengths[1] + 1
 
 
-@pytest.mark.parametrize("pipeline", [yester.SVGF(), yester.TAA()], ids=["SVGF", "TAA"])
-@pytest.mark.parametrize("wrong", ["motion", "motion_next"])
-def test_wrong_motion_is_named_once(pipeline, wrong):
-    """Over several chunks, by which of the two it is."""
-    given = frames(12, holes=False)
+def knowing_next(count) -> list[Frame]:
+    given = frames(count, holes=False)
     given[:-1] = [
         replace(frame, motion_next=yester.invert_motion(following.motion, following.depth))
         for frame, following in pairwise(given)
     ]
+    return given
+
+
+@pytest.mark.parametrize("pipeline", [yester.SVGF(), yester.TAA()], ids=["SVGF", "TAA"])
+def test_motion_to_the_next_frame_is_enough(pipeline):
+    """Of a sequence without cameras. If it seems wrong, that is said once, and frames have no motion."""
+    given = [replace(frame, camera=None) for frame in knowing_next(8)]
+    alone = [replace(frame, motion=None) for frame in given]
+    derived = [
+        alone[0],
+        *(
+            replace(frame, motion=yester.invert_motion(before.motion_next, before.depth))
+            for before, frame in pairwise(alone)
+        ),
+    ]
+    for got, want in zip(yester.denoise(alone, pipeline), yester.denoise(derived, pipeline), strict=True):
+        same(got, want)
+    alone[:-1] = [replace(frame, motion_next=-frame.motion_next) for frame in alone[:-1]]
+    with pytest.warns(UserWarning, match="^motion_next: expected next minus") as caught:
+        list(yester.denoise(alone, pipeline))
+    assert len(caught) == 1
+
+
+@pytest.mark.parametrize("pipeline", [yester.SVGF(), yester.TAA()], ids=["SVGF", "TAA"])
+@pytest.mark.parametrize("wrong", ["motion", "motion_next"])
+def test_wrong_motion_is_named_once(pipeline, wrong):
+    """Over several chunks, by which of the two it is."""
+    given = knowing_next(12)
     given[:-1] = [replace(frame, **{wrong: -getattr(frame, wrong)}) for frame in given[:-1]]
     with pytest.warns(UserWarning, match="motion") as caught:
         list(yester.denoise(given, pipeline, lookahead=1))

@@ -265,6 +265,14 @@ def test_planning_does_not_judge_motion(moving):
         pipeline.step(wrong[1])
 
 
+def test_motion_to_the_next_frame_is_left_out_with_motion(still):
+    """Otherwise `denoise` would compute the one from the other."""
+    rng = np.random.default_rng(0)
+    noise = [rng.uniform(-3, 3, frame.motion.shape).astype(np.float32) for frame in still]
+    broken = [replace(frame, motion=each, motion_next=-each) for frame, each in zip(still, noise, strict=True)]
+    assert {"motion", "motion_next"} <= {*yester.plan(broken).without}
+
+
 def test_saved_and_loaded(still, moving, tmp_path):
     path = tmp_path / "plan.toml"
     for found in (yester.plan(still), yester.plan(moving), yester.Plan(reason='a "reason"\n')):

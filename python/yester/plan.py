@@ -63,7 +63,7 @@ _GROUPS = {
     "position": ("position",),
     "depth": ("depth", "position", "hit_distance"),
     "ids": ("ids",),
-    "motion": ("motion",),
+    "motion": ("motion", "motion_next"),
     "camera": ("camera",),
 }
 

@@ -78,7 +78,8 @@ def denoise(frames: Iterable[Frame], pipeline: _Steps | None = None, lookahead: 
     frames : iterable of Frame
         A sequence of frames of one size, in order; `Frame.motion_next` where it is known. Otherwise the motion to the
         next frame is computed: by the cameras, if these and depth or position are known, and by `invert_motion` of the
-        next frame's `motion` where something else moves.
+        next frame's `motion` where something else moves. In the same way, frames without `motion` get that which the
+        `motion_next` of the frame before tells, unless this seems wrong.
     pipeline : Pipeline, optional
         Anything with a `step` that takes frames in order, and of which ``copy.copy`` makes one without history; by
         default ``SVGF()``. Copies of it work; it stays as it is.
@@ -188,14 +189,18 @@ def _averages_still(pipeline: _Recalls) -> bool:
 
 
 def _knowing_next(frames: Iterable[Frame]) -> Iterator[Frame]:
-    """Add `motion_next` to every frame but the last, if it is known or can be computed."""
-    warned, checked, before = False, False, None
+    """Add `motion_next` to every frame but the last, if it is known or can be computed.
+
+    Frames without `motion` get the inverse of the motion that leads to them, unless that seems wrong.
+    """
+    warned, sound, before = False, None, None
     for frame in frames:
         if before is not None:
-            if before.motion_next is not None and not checked:
-                checked = True
-                _check_next(before, frame)
-            motion = _motion_next(before, frame)
+            if before.motion_next is not None:
+                sound = _check_next(before, frame) if sound is None else sound
+                if frame.motion is None and sound:
+                    frame = replace(frame, motion=_inverse(before.motion_next, frame, before))
+            motion = _inverse(frame.motion, before, frame) if before.motion_next is None else before.motion_next
             if motion is None and not warned:
                 warned = True
                 unknown = "frames without motion, and without cameras and depth or position to compute it from"
@@ -206,8 +211,8 @@ def _knowing_next(frames: Iterable[Frame]) -> Iterator[Frame]:
         yield replace(before, motion_next=None)
 
 
-def _check_next(frame: Frame, following: Frame) -> None:
-    """Warn if `motion_next` seems to have another convention, as pipelines warn of `motion`."""
+def _check_next(frame: Frame, following: Frame) -> bool:
+    """Whether `motion_next` seems right; if not, warn, as pipelines warn of `motion`."""
     pipeline = TAA("textbook")
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
@@ -216,6 +221,7 @@ def _check_next(frame: Frame, following: Frame) -> None:
     for warning in caught:
         found = str(warning.message).replace("motion:", "motion_next:").replace("previous", "next")
         warnings.warn(found, stacklevel=_outside())
+    return not caught
 
 
 @contextmanager
@@ -234,16 +240,14 @@ def _outside() -> int:
     return level
 
 
-def _motion_next(frame: Frame, following: Frame) -> NDArray[np.float32] | None:
-    """Motion to the next frame; None if it is unknown and cannot be computed."""
-    if frame.motion_next is not None:
-        return frame.motion_next
-    still, motion = still_motion(frame, following.camera), following.motion
+def _inverse(motion: NDArray[np.float32] | None, frame: Frame, other: Frame) -> NDArray[np.float32] | None:
+    """Motion from a frame to another one, by the motion that leads back, or by cameras; None if both are unknown."""
+    still = still_motion(frame, other.camera)
     if motion is None:
         return still
     if still is not None:
         still = still[..., : motion.shape[-1]]
-    return invert_motion(motion, following.depth, still=still)
+    return invert_motion(motion, other.depth, still=still)
 
 
 def _alone(frame: Frame) -> bool:
