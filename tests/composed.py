@@ -342,9 +342,11 @@ def antialias(
     return [blended, np.where(present, counted, length), *kept], coverage, rejection
 
 
-def comparable(frame: yester.Frame, known: NDArray, coverage: NDArray, others: NDArray | None) -> NDArray[np.float32]:
+def comparable(
+    frame: yester.Frame, known: NDArray, coverage: NDArray, others: NDArray | None, color: NDArray, exposure: float
+) -> NDArray[np.float32]:
     """A reprojected history; NaN where samples are not to be compared with it."""
-    shines = np.zeros(coverage.shape, bool)
+    shines = luminance(color) > np.float32(6) * np.float32(exposure)
     if frame.emission is not None:
         shines |= (frame.emission > 0).any(-1)
     if frame.depth is not None:
@@ -891,8 +893,9 @@ class SVGF:
         about = {"still": still, "others": others}
         if self.innovation and before is not None:
             (known, length), coverage = yester.reproject(before[:2], motion, fallback=False)
-            known = comparable(frame, known, coverage, others)
-            asks = {"evidence": self.lag, "motion": motion, "exposure": yester.exposure(color)}
+            bright = yester.exposure(color)
+            known = comparable(frame, known, coverage, others, color, bright)
+            asks = {"evidence": self.lag, "motion": motion, "exposure": bright}
             asks |= {"strictness": 4, "share": 0.7}
             found, self.lag = yester.innovation(weighed(frame.color, known, self.trust), known, length, **asks)
             about["lag"] = known, found

@@ -610,6 +610,8 @@ def test_describe(tmp_path):
     missing = io.describe(path).missing
     assert missing["motion"].startswith("history is accumulated in place")
     assert set(missing) == {*COMMON, "camera"}
+    io.write_exr(path, yester.Frame(arrays["color"], motion_next=arrays["motion"]))
+    assert io.describe(path).missing["motion"].startswith("computed from motion_next of the frame before")
 
 
 def test_an_interrupt_leaves_nothing_half_written(tmp_path, monkeypatch):

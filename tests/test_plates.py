@@ -226,6 +226,10 @@ def test_used_and_missing_buffers_are_printed(tmp_path, capsys):
     assert said[-1] == f"used: {', '.join(dict.fromkeys(name for names in used for name in names))}"
     assert "albedo" in said[-1]
 
+    run("denoise", frames(tmp_path / "next", motion_next=np.zeros((24, 32, 2))), "-o", tmp_path / "out2")
+    said = capsys.readouterr().err
+    assert "warning" not in said and "missing: motion: computed from motion_next" in said
+
     run("denoise", tmp_path / "bare", "-o", tmp_path / "oidn", "--method", "oidn", "--quality", "fast")
     said = capsys.readouterr().err.splitlines()
     assert [line.split(": ")[:2] for line in said] == [["missing", "normal"], ["used", "albedo"]]

@@ -228,7 +228,15 @@ impl Stage {
         } = input.others;
         let before = history.merged.pixels();
         let (mut known, coverage) = fetch(before, motion, tests, Filter::Bilinear);
-        lag::leave_out(&mut known, coverage.view(), confidence, frame);
+        let coverage = coverage.view();
+        lag::leave_out(
+            &mut known,
+            coverage,
+            confidence,
+            frame,
+            input.color,
+            exposure,
+        );
         let (color, length) = (known.pixels().part(0..3), known.pixels().part(3..4));
         let fresh = Weighed {
             samples: &frame.color,

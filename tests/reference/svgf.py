@@ -24,8 +24,8 @@ from .taa import (
     find_motion,
     find_still,
     for_frame,
+    is_beside_lamps,
     is_unguided,
-    noiseless,
     parallax,
     tells_depth,
     told_by_motion,
@@ -246,7 +246,7 @@ class SVGF:
         stage, bright, late = for_frame(stage, frame), exposure(smooth), None
         if self.innovation and before is not None:
             (known, count), coverage = reproject(before, motion, fallback=False)  # (H, W, 3), (H, W), (H, W)
-            unlike = noiseless(frame) | others | (coverage <= 0.9)  # (H, W)
+            unlike = is_beside_lamps(frame, smooth, bright) | others | (coverage <= 0.9)  # (H, W)
             known = known.masked_fill(unlike[..., None], torch.nan)  # (H, W, 3)
             asks = {"evidence": self.lag, "motion": motion, "exposure": bright, "strictness": 4, "share": 0.7}
             found, self.lag = innovation(weighed(frame.color, known, weight), known, count, **asks)

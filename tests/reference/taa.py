@@ -148,9 +148,9 @@ def is_erratic(frame) -> bool:
     return bool(sum(d.sum() for d in differ) > 0.125 * sum(d.numel() for d in differ))
 
 
-def noiseless(frame) -> Tensor:
-    """Pixels (H, W) that show a lamp or the sky, and their neighbours."""
-    shines = torch.zeros_like(frame.color[..., 0])  # (H, W)
+def is_beside_lamps(frame, color: Tensor, bright: Tensor) -> Tensor:
+    """Pixels (H, W) of lamps, the sky, and colours (H, W, 3) of six times the exposure, and their neighbours."""
+    shines = (luminance(color) > 6 * bright).to(color)  # (H, W)
     if frame.emission is not None:
         shines = shines.maximum((frame.emission > 0).any(-1).to(shines))  # (H, W)
     if frame.depth is not None:

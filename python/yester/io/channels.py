@@ -572,6 +572,8 @@ def missing(found: Iterable[str], *, camera: bool) -> dict[str, str]:
         costs.pop("position", None)
     elif camera and here & {"depth", "position"}:
         costs["motion"] = "computed from the cameras, for static objects"
+    elif "motion_next" in here:
+        costs["motion"] = "computed from motion_next of the frame before, but only with later frames"
     return costs
 
 

@@ -76,8 +76,8 @@ def unmoved(shots: Shots) -> list[str]:
     lacking, shifted = [], []
     for before, known in chain.from_iterable(map(pairwise, shots)):
         if "motion" not in known.channels:
-            cameras = before.camera and known.camera
-            if not (cameras and known.channels.keys() & {"depth", "position"}):
+            cameras = before.camera and known.camera and known.channels.keys() & {"depth", "position"}
+            if not cameras and "motion_next" not in before.channels:
                 lacking.append(known)
         elif moved(before, known):
             shifted.append(known.path)

@@ -278,10 +278,10 @@ impl TAA {
     ///     History is first multiplied by the `light_change` from it, fetched bilinearly without tests or fallback, to
     ///     the samples. Then its own error, fetched bilinearly without fallback, is estimated (``strictness=4,
     ///     share=0.7``) and added to it, but no further than to the new colour. Not compared are pixels whose coverage
-    ///     is at most 0.9, whose `confidence` is 0, or of which one of the 3×3 around has emission or no finite depth:
-    ///     these have no noise, and antialiased edges differ from single samples. Last, the error of the result is
-    ///     estimated (``strictness=12, share=0.7``), and corrects result and history. Denoised colour is not resolved
-    ///     by its `jitter`.
+    ///     is at most 0.9, whose `confidence` is 0, or of which one of the 3×3 around has emission, a new colour of
+    ///     more than six times the exposure, or no finite depth: beside lamps and the sky, antialiased edges differ
+    ///     from single samples. Last, the error of the result is estimated (``strictness=12, share=0.7``), and corrects
+    ///     result and history. Denoised colour is not resolved by its `jitter`.
     /// confidence : (H, W) array_like of float, optional
     ///     With `samples`: the denoiser's. Where it is 0, that found no history of the surface; history that has to be
     ///     clipped there, and is not fetched along the motion of a neighbour, is another surface's. It is shortened, as
