@@ -484,13 +484,18 @@ def test_home_while_frozen(page):
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no such signals")
 @pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])
 def test_the_end_of_the_terminal_completes_a_recording(browser, tmp_path, name):
-    with served("--size", "64x60", "-o", tmp_path) as (address, running):
-        page = opened(browser, address)
-        page.keyboard.press("s")
-        until(page, "h.recording && h.recording.frames > 1")
-        running.send_signal(getattr(signal, name))
-        running.wait(60)
-        page.context.close()
+    number = getattr(signal, name)
+    before = signal.signal(number, signal.SIG_DFL)  # which the process inherits, also if the tests run under nohup
+    try:
+        with served("--size", "64x60", "-o", tmp_path) as (address, running):
+            page = opened(browser, address)
+            page.keyboard.press("s")
+            until(page, "h.recording && h.recording.frames > 1")
+            running.send_signal(number)
+            running.wait(60)
+            page.context.close()
+    finally:
+        signal.signal(number, before)
     (made,) = tmp_path.iterdir()
     shots = json.loads((made / "path.json").read_text())["shots"]
     assert len(shots) == len([*(made / "frames").iterdir()]) > 1
