@@ -379,6 +379,7 @@ def _finished(
         results = _backwards([item.frame for item in window], stage, partial(look, window))
         del results[: len(window) - ready]
         for frame, samples, output, begins, _, settled in window[:ready]:
+            # Pipelines check motion at their second frame. There, the denoiser has already warned.
             with _unchecked() if done == 1 else nullcontext():
                 finished = stage.step(frame, samples=samples, confidence=_unless(begins, output.confidence))
             done += 1

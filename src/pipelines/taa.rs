@@ -67,8 +67,9 @@ struct History {
     merged: Interleaved,
     /// The memory of the alternation kernel, where it runs.
     alternation: Option<Interleaved>,
-    /// Evidence of the innovation, carried to the next frame: of the result, and of the history's lag.
+    /// Evidence of the innovation of the result, carried to the next frame.
     evidence: Option<Interleaved>,
+    /// The same of the history before it is merged.
     lag: Option<Interleaved>,
     /// Luminances and evidence for the next frame's mixing weights, if samples and denoised colour are mixed in.
     seen: Option<Seen>,
@@ -219,7 +220,7 @@ impl Stage {
         Some(fetch(history, motion, Tests::none(), Filter::Bilinear).0)
     }
 
-    /// How the history of a denoiser's colour lags behind the samples that the colour was made of, if they correct it.
+    /// How the history lags behind the samples that a denoiser's colour was made of. None if samples correct nothing.
     fn lag(&mut self, frame: &Frame, motion: Pixels, input: &Input, exposure: f32) -> Option<Lag> {
         let corrects = input.origin != Origin::Samples && input.correction.is_some();
         let history = self.history.as_mut().filter(|_| corrects)?;
@@ -244,7 +245,7 @@ impl Stage {
             weight: input.weight,
         };
         let evidence = history.lag.as_ref();
-        let params = lag::STRICTNESS;
+        let params = lag::PARAMS;
         let (found, rest) = innovate(params, &fresh, &color, length, motion, exposure, evidence);
         history.lag = Some(rest);
         Some(Lag::new(known, found))

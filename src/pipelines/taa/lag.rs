@@ -1,7 +1,7 @@
 //! How the history of a denoiser's output lags behind light that changes, found before the history is merged.
 //!
 //! Merging old and new colours takes many frames to follow a light. So the reprojected history h is corrected first, by the
-//! innovation d of the new samples ([`crate::kernels::judge::innovation`]), of which none is in it yet:
+//! innovation d of the new samples ([`crate::kernels::judge::innovation`]), of which it contains none yet:
 //!   h ← clamp(h + d, min(h, c), max(h, c)).
 //! It moves towards the new denoised colour c and no further: blocks of samples reach over edges, c does not.
 //!
@@ -23,7 +23,7 @@ use crate::rows::{self, Kernel, Simd};
 
 /// How the innovation tells a lag from noise. At a strictness of 3, the temporal error of `shallow_focus` and `brushed_metal`
 /// grows by 1.6 %; at 5, the gains are a third smaller than at 3.
-pub const STRICTNESS: innovation::Params = innovation::Params {
+pub const PARAMS: innovation::Params = innovation::Params {
     strictness: 4.0,
     share: 0.7,
     ..innovation::Params::DEFAULT
@@ -36,7 +36,7 @@ const COVERED: f32 = 0.9;
 /// more relMSE, at the edges of its lamp; with 6 it has less.
 const BRIGHT: f32 = 6.0;
 
-/// What new samples show to be wrong with the history.
+/// By how much the history lags: what new samples show to be wrong with it.
 pub struct Lag {
     /// The reprojected history that they were compared with; NaN where they were not.
     known: Image,
@@ -93,7 +93,7 @@ impl Lag {
     }
 }
 
-/// Makes pixels of a reprojected history missing that samples are not to be compared with.
+/// Makes those pixels of a reprojected history NaN with which samples are not to be compared.
 pub fn leave_out(
     known: &mut Image,
     coverage: View,
