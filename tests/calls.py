@@ -88,7 +88,10 @@ def calls(height: int = 6, width: int = 9, seed: int = 0) -> dict[str, tuple[Cal
         "temporal_gradient": (yester.temporal_gradient, {"color": color, "previous": history}),
         "innovation": (
             yester.innovation,
-            {"color": color, "prediction": history, "history_length": length, "evidence": evidence, "motion": motion},
+            {
+                **{"color": color, "prediction": history, "history_length": length, "evidence": evidence},
+                **{"motion": motion, "target": color},
+            },
         ),
         "choice": (
             yester.choice,

@@ -313,7 +313,7 @@ def antialias(
             )
             coverage = np.where(taken, found[1], coverage)
     if lag is not None:
-        old = catch_up(old, color, *lag)
+        old = lag(old, coverage)
     among = {name: settings[name] for name in ("box", "gamma", "window", "space", "response")}
     bright = yester.exposure(color)
     clipped, kept = yester.clip_history(old, color, exposure=bright, **among), []
@@ -343,9 +343,9 @@ def antialias(
 
 
 def comparable(
-    frame: yester.Frame, known: NDArray, coverage: NDArray, others: NDArray | None, color: NDArray, exposure: float
-) -> NDArray[np.float32]:
-    """A reprojected history; NaN where samples are not to be compared with it."""
+    frame: yester.Frame, coverage: NDArray, others: NDArray | None, color: NDArray, exposure: float
+) -> NDArray[np.bool_]:
+    """Where samples are compared with a reprojected history of this coverage."""
     shines = luminance(color) > np.float32(6) * np.float32(exposure)
     if frame.emission is not None:
         shines |= (frame.emission > 0).any(-1)
@@ -356,17 +356,15 @@ def comparable(
     for dy in range(3):
         for dx in range(3):
             shines = shines | around[dy : dy + height, dx : dx + width]
-    left_out = shines | (coverage <= np.float32(0.9))
-    if others is not None:
-        left_out |= others
-    return np.where(left_out[..., None], np.float32(np.nan), known)
+    compared = ~shines & (coverage > np.float32(0.9))
+    return compared if others is None else compared & ~others
 
 
-def catch_up(old: NDArray, color: NDArray, known: NDArray, found: NDArray) -> NDArray[np.float32]:
-    """A history corrected where it is known, no further than to the new colour."""
+def catch_up(old: NDArray, color: NDArray, compared: NDArray, found: NDArray) -> NDArray[np.float32]:
+    """A history corrected where it is compared with samples, no further than to the new colour."""
     with np.errstate(invalid="ignore"):
         corrected = np.clip(correct(old, found), np.minimum(old, color), np.maximum(old, color))
-    compared = np.isfinite(known).all(-1) & np.isfinite(color).all(-1)
+    compared = compared & np.isfinite(old).all(-1) & np.isfinite(color).all(-1)
     return np.where(compared[..., None] & corrected_runs(found), corrected, old)
 
 
@@ -810,6 +808,20 @@ class SVGF:
             if later is not None:
                 variance = variance * np.minimum(longest / length, np.float32(1))
 
+        if averages and later is None and "albedo" in self.still_guides and (self.still[2] >= 16).all():
+            self.history, self.mirrored = kept, None
+            self.expects_replay, self.before = self.before is None or frame.replay is not None, frame
+            final, variance = self.settle(np.zeros_like(color), frame, motion)
+            return SimpleNamespace(
+                color=blacken(final),
+                variance=variance,
+                choice=np.full(length.shape, self.iterations, np.float32),
+                motion=None if self.antialias or not self.distances else motion[..., :2],
+                history_length=length,
+                confidence=confidence,
+                rejection=rejection,
+                missing=int((~np.isfinite(sample).all(-1)).sum()),
+            )
         usual, shown, prediction = self.iterations, None, None
         bright = yester.exposure(color)
         if chooses:
@@ -868,7 +880,7 @@ class SVGF:
         if later is not None:
             confidence, rejection = np.maximum(confidence, later.confidence), rejection & later.rejection
         if averages:
-            final = self.settle(blacken(final), frame, motion)
+            final, _ = self.settle(blacken(final), frame, motion)
         return SimpleNamespace(
             color=blacken(final),
             variance=final_variance,
@@ -892,13 +904,7 @@ class SVGF:
                     self.mixing.scale(change)
         about = {"still": still, "others": others}
         if self.innovation and before is not None:
-            (known, length), coverage = yester.reproject(before[:2], motion, fallback=False)
-            bright = yester.exposure(color)
-            known = comparable(frame, known, coverage, others, color, bright)
-            asks = {"evidence": self.lag, "motion": motion, "exposure": bright}
-            asks |= {"strictness": 4, "share": 0.7}
-            found, self.lag = yester.innovation(weighed(frame.color, known, self.trust), known, length, **asks)
-            about["lag"] = known, found
+            about["lag"] = lambda *old: SVGF.follow(self, frame, before, color, motion, others, *old)
         self.antialiased, _, _ = antialias(for_frame(stage, frame), before, color, motion, frame.depth, **about)
         shown, length = blacken(self.antialiased[0]), self.antialiased[1]
         exposure = yester.exposure(color)
@@ -914,8 +920,20 @@ class SVGF:
         about = {"exposure": exposure, "repeats": self.repeats, "aliased": frame.jitter is not None}
         return self.mixing.mix(frame.color, color, motion, shown, **about)
 
-    def settle(self, shown: NDArray, frame: yester.Frame, motion: NDArray) -> NDArray:
-        """What is shown of a still frame: the filtered mean of all samples, as far as it has enough of them."""
+    def follow(self, frame, before, color, motion, others, old, coverage) -> NDArray:
+        """History that lags, corrected by what samples show to be wrong with it along their own motion."""
+        bright = yester.exposure(color)
+        compared = comparable(frame, coverage, others, color, bright)
+        (known, length), covered = yester.reproject(before[:2], motion, fallback=False)
+        apart = ~comparable(frame, covered, others, color, bright)
+        known = np.where(apart[..., None], np.float32(np.nan), known)
+        asks = {"evidence": self.lag, "motion": motion, "exposure": bright, "strictness": 4, "share": 0.7}
+        samples = weighed(frame.color, known, self.trust)
+        found, self.lag = yester.innovation(samples, known, length, target=old, **asks)
+        return catch_up(old, color, compared, found)
+
+    def settle(self, shown: NDArray, frame: yester.Frame, motion: NDArray) -> tuple[NDArray, NDArray | None]:
+        """What is shown of a still frame, and its variance: the filtered mean of all samples, if there are enough."""
         mean, moments, number = self.still
         bright = yester.exposure(mean)
         if self.innovation and self.still_frames > 1:
@@ -924,7 +942,7 @@ class SVGF:
             mean, moments = self.still[:2] = correct_history(mean, moments, found)
         albedo, emission, normal = (self.still_guides.get(name) for name in ("albedo", "emission", "normal"))
         if albedo is None:
-            return yester.converge(shown, mean, moments, number, exposure=bright)
+            return yester.converge(shown, mean, moments, number, exposure=bright), None
         texture = {"albedo": albedo, "where": reflects(frame)}
         light = yester.demodulate(mean, **texture, emission=emission)
         deviation = np.repeat(np.sqrt(variance_of_mean(moments, number))[..., None], 3, -1)
@@ -938,13 +956,13 @@ class SVGF:
         passes = {"iterations": self.iterations, **self.filter, **self.sigmas, "settled": self.settled}
         brighter = np.float32(16) * np.float32(yester.exposure(light))
         passes |= {"history_length": number, "relative_noise": np.inf, "tap_exposure": brighter}
-        light, _ = yester.atrous(light, deviation * deviation, **guide, **passes)
+        light, variance = yester.atrous(light, deviation * deviation, **guide, **passes)
         light = yester.remodulate(light, **texture, emission=emission)
         share = np.clip((number - np.float32(8)) / np.float32(8), 0, 1)
         share = np.where(np.isfinite(light[..., 0] + light[..., 1] + light[..., 2]), share, np.float32(0))
         light = np.where(np.isfinite(light), light, np.float32(0))
         shown = shown + share[..., None] * (light - shown)
-        return yester.converge(shown, mean, moments, number, exposure=bright, strictness=0.7)
+        return yester.converge(shown, mean, moments, number, exposure=bright, strictness=0.7), variance
 
     def choose(self, series: list, prediction, sample, motion, coverage, length, bright: float) -> tuple:
         """Select per tile from images and variances after 0, 1, 2 … passes: image, variance, and number of passes."""

@@ -212,6 +212,26 @@ def test_the_mean_of_samples_does_not_lag(light):
     assert np.mean(averaged[20:]) < 0.8 * forgot[20:].mean()
 
 
+def test_what_moves_after_a_rest():
+    """No frame is worse than without averaging, although the stages after the filter have paused."""
+    rng, (y, x) = np.random.default_rng(3), np.indices((48, 96))
+    pipelines, errors = (yester.SVGF(average_still=True), yester.SVGF()), []
+    for number in range(40):
+        shift = max(0, number - 29)  # pixels, from the thirtieth frame on
+        texture = (1 + 0.6 * np.sin(0.9 * (x + shift)) * np.sin(0.7 * y))[..., None].repeat(3, -1)
+        truth = texture * (1 + 0.5 * np.cos(0.1 * (x + shift)))[..., None]
+        frame = yester.Frame(
+            (truth * rng.gamma(1, 1, (48, 96, 1))).astype(np.float32),
+            albedo=np.float32(0.5 * texture),
+            depth=np.full((48, 96), 4.0, np.float32),
+            motion=np.float32([float(number >= 30), 0]) * np.ones((48, 96, 1), np.float32),
+        )
+        errors.append([error(pipeline.step(frame).color, truth) for pipeline in pipelines])
+    averaged, forgot = np.transpose(errors)[:, 30:]
+    assert (averaged < 1.05 * forgot).all()
+    assert averaged[0] < 0.95 * forgot[0]
+
+
 @pytest.mark.parametrize("depth", [True, False])
 def test_noise_that_repeats_is_not_the_mean_of_its_samples(depth):
     """Rendered with one seed, all frames are alike: their mean is as noisy as each."""

@@ -54,6 +54,8 @@ def check(given, **named):
         unit = black + around(tensor(prediction)).numpy() if named.get("sparse") else light
         seen = rms(((color - prediction) / unit).clip(-50, 50)[present])
     # The remainder of a subtraction is as precise as the differences that were averaged.
+    target = np.float64(given.get("target", prediction))
+    light = np.maximum(np.nan_to_num(target, nan=0, posinf=0), 0) + black
     seen = max(seen, rms(given["evidence"][..., :3]) if given.get("evidence") is not None else 0)
     assert all(image.dtype == np.float32 for image in got)
     assert_close("innovation", got[0], want[0], scale=seen * light)
@@ -74,8 +76,9 @@ def check(given, **named):
     carried=st.booleans(),
     channels=st.sampled_from([0, 2, 3]),
     holes=st.sampled_from([0.0, 0.05, 0.8]),
+    other=st.booleans(),
 )
-def test_reference(seed, size, carried, channels, holes, **named):
+def test_reference(seed, size, carried, channels, holes, other, **named):
     """With motion inside the image, out of it, and unknown."""
     rng = np.random.default_rng(seed)
     given = images(rng, *size, holes=holes)
@@ -83,6 +86,8 @@ def test_reference(seed, size, carried, channels, holes, **named):
         given["evidence"] = evidence_of(rng, *size, holes=holes)
     if channels:
         given["motion"] = motions(rng, *size, channels)
+    if other:
+        given["target"] = images(rng, *size, holes=holes)["prediction"]
     check(given, **named)
 
 

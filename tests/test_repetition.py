@@ -72,6 +72,15 @@ def test_independent_noise():
     assert max(repetitions(shots(6, seeds=range(6)))) < 0.16
 
 
+@pytest.mark.parametrize("motion", [(1, 0), (-1, 0), (0, 1), (1, 1), (0.75, 0.75), (1.5, 0)])
+def test_independent_noise_that_moves_by_a_pixel(motion):
+    """Neighbours in a row then share a sample with those of the frame before, with the same sign."""
+    rng = np.random.default_rng(0)
+    moved = np.float32(motion) * np.ones((96, 160, 1), np.float32)
+    noise = rng.gamma(1, 1, (12, 96, 160, 1)).repeat(3, -1).astype(np.float32)
+    assert max(repetitions([yester.Frame(color, motion=moved) for color in noise])) < 0.16
+
+
 @pytest.mark.parametrize("step", [1, 3])
 def test_noise_of_one_seed(step):
     """Known at the third frame, since two deviations are compared."""

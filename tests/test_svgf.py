@@ -218,13 +218,13 @@ def test_flat_motion():
 @pytest.mark.parametrize("names", [NAMES, ("normal", "camera", "position"), ("motion",), ("normal",)], ids=str)
 def test_samples_are_averaged_while_nothing_moves(names):
     """As soon as something moves, history counts for as many samples as usual."""
-    still = frames_of(names, 14, moving=False, holes=False)
+    still = frames_of(names, 18, moving=False, holes=False)
     moves = frames_of(names, 4, holes=False)[1:]
     check_bits([*still, *moves], average_still=True)
     svgf = yester.SVGF(average_still=True, gradient=False)
     lengths = [svgf.step(frame).history_length.max() for frame in (*still, *moves)]
-    assert lengths[13] == (5 if names == ("normal",) else 14)
-    assert max(lengths[14:]) <= 5
+    assert lengths[17] == (5 if names == ("normal",) else 18)
+    assert max(lengths[18:]) <= 5
 
 
 def test_a_pixel_that_moves_ends_the_rest():

@@ -669,9 +669,11 @@ class SVGF(Pipeline):
         Average all samples, as with ``alpha=0, moments_alpha=0``, in frames in which nothing moves: the camera is that
         of the frame before, and the motion, without which only cameras tell, at most 0.001 pixels. For constant light.
         With `choice` and albedo, the mean of all samples, filtered by the mean of the guides (`atrous`), then replaces
-        the result, beginning with eight samples and wholly from 16 on. With `choice`, the result is mixed with the
-        unfiltered mean (`converge`), which follows changes of light by `innovation`, and the noise that `gradient`
-        ignores grows with the square root of the frames, from ten frames on and up to four times.
+        the result, beginning with eight samples and wholly from 16 on. Once every pixel has 16, the stages from
+        `choice` to the output stage, whose result would be replaced, are left out, and the variance is that of the
+        filtered mean. With `choice`, the result is mixed with the unfiltered mean (`converge`), which follows changes
+        of light by `innovation`, and the noise that `gradient` ignores grows with the square root of the frames, from
+        ten frames on and up to four times.
     coherence : bool, default True
         Let depth alone validate history and guide the filter where normals and ids change from pixel to pixel and from
         frame to frame, as in grass and fur (`incoherent_guides`). Ids then only tell apart surfaces whose albedo is a
@@ -2703,7 +2705,7 @@ def innovation(
     color : (H, W, 3) array_like of float
         New samples; illumination (see `demodulate`) if there is albedo. Missing pixels do not count.
     prediction : (H, W, 3) array_like of float
-        The image to be corrected.
+        The image that samples are compared with.
     history_length : (H, W) array_like of float
         Samples in each pixel's prediction. A short prediction is correlated with the newest sample, which is part of
         it.
@@ -2727,13 +2729,16 @@ def innovation(
         `color` has samples in few pixels, and the prediction is made of few. Differences are then relative to the local
         mean of the light, as the prediction itself is noisy; and a block without samples keeps its evidence until it
         gets one.
+    target : (H, W, 3) array_like of float, optional
+        The image that is corrected, whose light scales the correction; by default the prediction. Another one may be
+        sharper than what samples are compared with.
     out : tuple of (H, W, 3) and (ceil(H / 2), ceil(W / 2), 4) float32 arrays, optional
         Written and returned instead of new arrays. A part may be None.
 
     Returns
     -------
     correction : (H, W, 3) float32
-        To be added to the prediction; 0 where no error was found.
+        To be added to the prediction, or to `target`; 0 where no error was found.
     evidence : (ceil(H / 2), ceil(W / 2), 4) float32
         For the next frame: the relative difference that is not fed back, and its variance. The variance is NaN in
         blocks without samples and evidence, which are left out of all means.

@@ -452,12 +452,13 @@ pub fn collocation_shares<'py>(
 /// Notes
 /// -----
 /// With y the luminance of `color` and p that of `previous`, fetched along the motion, ``ρ = (y - p) / (|y| + |p|)``,
-/// and ``δ = ρ(x) - ρ(x + 1)`` leaves out slow changes of light. Detail that moves with its surface cancels in ρ;
-/// independent noise makes δ of consecutive frames correlate by 0 to -½. Noise that sticks to the screen correlates by
-/// ``C = corr(δ, δ')``, with δ' of the frame before. Where nothing moves, ρ of repeated noise is 0: S is the share of
-/// pairs of which y(x) is that of `previous` and ``|ε|`` is above 1/10, with
+/// and ``δ = ρ(x) - ρ(x + 1)`` leaves out slow changes of light. Detail that moves with its surface cancels in ρ. Noise
+/// that sticks to the screen correlates by ``C = min(corr(δ, δ'), corr(δᵥ, δᵥ'))``, with δ' of the frame before and
+/// ``δᵥ = ρ(x) - ρ(x↓)``, ↓ the row below. Independent noise makes these correlate by 0 to -½, or by ¼ where it has
+/// moved by one pixel along the difference, which it cannot do for both. Where nothing moves, ρ of repeated noise is 0:
+/// S is the share of pairs of which y(x) is that of `previous` and ``|ε|`` is above 1/10, with
 /// ``ε = (y(x) - y(x + 1)) / (|y(x)| + |y(x + 1)|)``. Textures and mirrors repeat as well, but their rows resemble one
-/// another: ``V = corr(δ, δ↓)`` and ``W = corr(ε, ε↓)``, with ↓ the row below. The repetition is
+/// another: ``V = corr(δ, δ↓)`` and ``W = corr(ε, ε↓)``. The repetition is
 /// ``max(0, C - max(V, 0), S - max(W, 0))``, with ``corr(a, b) = Σ a b / max(√(Σ a² Σ b²), n / 100)`` over n pairs:
 /// deviations below a tenth are no noise that matters.
 ///

@@ -660,7 +660,7 @@ pub fn temporal_gradient<'py>(
 /// color : (H, W, 3) array_like of float
 ///     New samples; illumination (see `demodulate`) if there is albedo. Missing pixels do not count.
 /// prediction : (H, W, 3) array_like of float
-///     The image to be corrected.
+///     The image that samples are compared with.
 /// history_length : (H, W) array_like of float
 ///     Samples in each pixel's prediction. A short prediction is correlated with the newest sample, which is part of
 ///     it.
@@ -684,13 +684,16 @@ pub fn temporal_gradient<'py>(
 ///     `color` has samples in few pixels, and the prediction is made of few. Differences are then relative to the local
 ///     mean of the light, as the prediction itself is noisy; and a block without samples keeps its evidence until it
 ///     gets one.
+/// target : (H, W, 3) array_like of float, optional
+///     The image that is corrected, whose light scales the correction; by default the prediction. Another one may be
+///     sharper than what samples are compared with.
 /// out : tuple of (H, W, 3) and (ceil(H / 2), ceil(W / 2), 4) float32 arrays, optional
 ///     Written and returned instead of new arrays. A part may be None.
 ///
 /// Returns
 /// -------
 /// correction : (H, W, 3) float32
-///     To be added to the prediction; 0 where no error was found.
+///     To be added to the prediction, or to `target`; 0 where no error was found.
 /// evidence : (ceil(H / 2), ceil(W / 2), 4) float32
 ///     For the next frame: the relative difference that is not fed back, and its variance. The variance is NaN in
 ///     blocks without samples and evidence, which are left out of all means.
@@ -732,10 +735,10 @@ pub fn temporal_gradient<'py>(
 /// array([0.494, 0.494, 0.494], dtype=float32)
 #[pyfunction]
 #[pyo3(name = "innovation", signature = (color, prediction, history_length, evidence=None, motion=None, *, exposure=1.0,
-    strictness=3.0, share=0.5, levels=6, fed_back=true, sparse=false, out=None))]
+    strictness=3.0, share=0.5, levels=6, fed_back=true, sparse=false, target=None, out=None))]
 #[pyo3(
     text_signature = "(color, prediction, history_length, evidence=None, motion=None, *, exposure=1.0, strictness=3.0, \
-    share=0.5, levels=6, fed_back=True, sparse=False, out=None)"
+    share=0.5, levels=6, fed_back=True, sparse=False, target=None, out=None)"
 )]
 pub fn innovation_<'py>(
     py: Python<'py>,
@@ -750,6 +753,7 @@ pub fn innovation_<'py>(
     levels: i128,
     fed_back: bool,
     sparse: bool,
+    target: Option<&Bound<'py, PyAny>>,
     out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<(Bound<'py, PyArrayDyn<f32>>, Bound<'py, PyArrayDyn<f32>>)> {
     let params = innovation::Params {
@@ -772,6 +776,7 @@ pub fn innovation_<'py>(
         let channels = Channels::Of(&[innovation::CHANNELS]);
         let evidence = Input::<f32>::optional(evidence, "evidence", channels, small)?;
         let motion = Input::<f32>::optional(motion, "motion", MOTION, size)?;
+        let target = Input::<f32>::optional(target, "target", COLOR, size)?;
         let [first, second] = parts(out.as_ref())?;
         let shape = color.shape();
         let blocks = [small.height, small.width, innovation::CHANNELS];
@@ -779,7 +784,11 @@ pub fn innovation_<'py>(
         let mut correction = Direct::new(py, out.0, shape)?;
         let mut left = Direct::new(py, out.1, &blocks)?;
         let [color, prediction] = [color.pixels(), prediction.pixels()];
-        let length = length.pixels();
+        let target = target.as_ref().map_or(prediction, Input::pixels);
+        let predicted = innovation::Predicted {
+            colors: &prediction,
+            lengths: length.pixels(),
+        };
         let motion = motion.as_ref().map(|motion| motion.pixels());
         let known = evidence.as_ref().map(|evidence| innovation::Known {
             evidence: evidence.pixels(),
@@ -788,8 +797,8 @@ pub fn innovation_<'py>(
         let (bands, records) = (correction.data()?, left.data()?);
         detached(py, || {
             let (found, rest) =
-                innovation::innovation(&color, &prediction, length, known, exposure, params);
-            found.corrections(&prediction, size, PixelsMut::bands(size, 3, bands));
+                innovation::innovation(&color, None, &predicted, known, exposure, params);
+            found.corrections(&target, size, PixelsMut::bands(size, 3, bands));
             records.copy_from_slice(rest.pixels().elements().0);
         })?;
         (correction, left)

@@ -22,7 +22,7 @@ use super::smooth::{
     atrous, demodulate, fireflies, history_fix, joint_bilateral, lend, morphological, reflectance,
     regress, sharpen, variance,
 };
-use crate::image::{Image, Interleaved, Size, plane_bands, segments};
+use crate::image::{Image, Interleaved, Pixels, Size, plane_bands, segments};
 use crate::pixels::{MotionLanes, PixelsMut};
 
 #[test]
@@ -492,16 +492,19 @@ proptest! {
         let small = innovation::evidence_size(size);
         let (length, evidence) = (draw.wild(1), draw.wild_of(small, innovation::CHANNELS));
         let evidence = Interleaved::of(evidence.view());
+        fn over<'a>(colors: &'a Pixels<'a>, lengths: &'a Image) -> innovation::Predicted<'a, Pixels<'a>> {
+            innovation::Predicted { colors, lengths: lengths.pixels() }
+        }
         for (color, prediction) in [(draw.wild(3), draw.wild(3)), (draw.tame(3, 8.0), draw.tame(3, 8.0))] {
             let (fresh, p) = (color.pixels(), prediction.pixels());
             let known = innovation::Known { evidence: evidence.pixels(), motion: Some(motion.pixels()) };
-            innovation::innovation(&fresh, &p, length.pixels(), Some(known), light, params);
+            innovation::innovation(&fresh, None, &over(&p, &length), Some(known), light, params);
             let lengths = draw.tame(1, 64.0);
-            let (found, rest) = innovation::innovation(&fresh, &p, lengths.pixels(), None, light, params);
+            let (found, rest) = innovation::innovation(&fresh, None, &over(&p, &lengths), None, light, params);
             let added = written!(size, 3, |added| found.corrections(&p, size, added));
             if color.plane(0).iter().all(|v| v.is_finite() && *v <= 8.0) && draw.coin() {
                 let known = innovation::Known { evidence: rest.pixels(), motion: None };
-                innovation::innovation(&fresh, &p, lengths.pixels(), Some(known), light, params);
+                innovation::innovation(&fresh, None, &over(&p, &lengths), Some(known), light, params);
             }
             let tame = [&color, &prediction].iter().all(|image| image.pixels().elements().0.iter().all(|v| (0.0..=8.0).contains(v)));
             if tame {

@@ -13,7 +13,7 @@ use std::fmt;
 use std::ops::Range;
 
 use self::fit::{LEAST, accumulate_fits, by_light, fit, restored, without_emitters};
-use super::correction::{Weighed, correct, innovate};
+use super::correction::{correct, innovate};
 use super::frame::{Frame, Motion, Output, Steps, Summary, Upkeep, names, show};
 use super::history;
 use super::illumination::{Illumination, illumination, modulated, without_fireflies};
@@ -368,12 +368,11 @@ impl<'a> Inputs<'a> {
         let samples = Illumination::of(self.frame.color, self.texture);
         let motion = self.motion.pixels();
         let shown = detailed.as_deref().map_or(fits, Image::pixels);
-        let fresh = Weighed {
-            samples: &samples,
-            prediction: &shown,
-            weight,
+        let shown = innovation::Predicted {
+            colors: &shown,
+            lengths: length,
         };
-        let (found, rest) = innovate(params, &fresh, &shown, length, motion, bright, evidence);
+        let (found, rest) = innovate(params, &samples, weight, &shown, motion, bright, evidence);
         if let Some(detailed) = detailed {
             let shown = detailed.bands().map(PixelsMut::Planar);
             let behind = PixelsMut::planar(size, history.data_mut());

@@ -6,7 +6,7 @@ use std::ops::Range;
 use crate::image::{
     Interleaved, Pixels, Run, SEGMENT, Size, View, deinterleave, interleave, segments,
 };
-use crate::kernels::judge::innovation::{self, Innovation, corrected, innovation};
+use crate::kernels::judge::innovation::{self, Innovation, Prediction, corrected, innovation};
 use crate::math::luminance;
 use crate::pixels::{Colors, PixelsMut, Row};
 use crate::rows::{self, BAND, Kernel, Simd};
@@ -15,8 +15,8 @@ use crate::rows::{self, BAND, Kernel, Simd};
 pub fn innovate(
     params: innovation::Params,
     fresh: &impl Colors,
-    prediction: &impl Colors,
-    length: Pixels,
+    weight: Option<View>,
+    prediction: &impl Prediction,
     motion: Pixels,
     exposure: f32,
     evidence: Option<&Interleaved>,
@@ -25,33 +25,7 @@ pub fn innovate(
         evidence: evidence.pixels(),
         motion: Some(motion),
     });
-    innovation(fresh, prediction, length, known, exposure, params)
-}
-
-/// Samples whose differences from a prediction count by their weights only: they are moved towards it.
-pub struct Weighed<'a, C, P> {
-    pub samples: &'a C,
-    pub prediction: &'a P,
-    /// 0 to 1, or NaN for samples that do not count at all. Without weights all count wholly.
-    pub weight: Option<View<'a>>,
-}
-
-impl<C: Colors, P: Colors> Colors for Weighed<'_, C, P> {
-    #[inline(always)]
-    fn colors(&self, run: Run, into: &mut [Row; 3]) {
-        self.samples.colors(run, into);
-        let Some(weight) = self.weight else {
-            return;
-        };
-        let weight = &weight.row(0, run.y)[run.x..][..run.len];
-        let mut predicted = [[0.0; SEGMENT]; 3];
-        self.prediction.colors(run, &mut predicted);
-        for (sample, predicted) in into.iter_mut().zip(&predicted) {
-            for ((sample, predicted), weight) in sample.iter_mut().zip(predicted).zip(weight) {
-                *sample = predicted + weight * (*sample - predicted);
-            }
-        }
-    }
+    innovation(fresh, weight, prediction, known, exposure, params)
 }
 
 /// The factor of a channel of history if its light changes by this one: colour, moments of luminance, length, and what comes
@@ -122,13 +96,12 @@ impl<'a> Kernel for Correct<'a> {
         let mut predicted = [[0.0; SEGMENT]; 3];
         for y in rows {
             self.found.go_to(y, &mut line);
-            for run in segments(y, self.width) {
+            for run in segments(y, self.width).filter(|run| self.found.corrects(&line, *run)) {
                 prediction.load_colors(run, &mut predicted);
-                if let Some(found) = self.found.correction(&line, run, &predicted) {
-                    correct_run(&found, run, &mut prediction);
-                    if let Some(history) = &mut history {
-                        correct_grown(&found, self.least, run, history);
-                    }
+                let found = self.found.correction(&line, run, &predicted);
+                correct_run(&found, run, &mut prediction);
+                if let Some(history) = &mut history {
+                    correct_grown(&found, self.least, run, history);
                 }
             }
         }

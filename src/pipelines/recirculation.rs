@@ -326,7 +326,11 @@ impl Joined {
             exposure(prediction),
         );
         let (motion, evidence) = (self.motion.pixels(), self.state.evidence.as_ref());
-        let (found, rest) = innovate(params, fresh, &prediction, length, motion, bright, evidence);
+        let prediction = innovation::Predicted {
+            colors: &prediction,
+            lengths: length,
+        };
+        let (found, rest) = innovate(params, fresh, None, &prediction, motion, bright, evidence);
         let carried = &mut self.state.color.data_mut()[..3 * size.pixels()];
         let (shown, behind) = match &mut self.shown {
             Some(shown) => (shown.data_mut(), Some(carried)),

@@ -93,8 +93,11 @@ pub fn relight(
     };
     let (found, _) = innovation(
         &fresh,
-        &known,
-        endless.pixels(),
+        None,
+        &innovation::Predicted {
+            colors: &known,
+            lengths: endless.pixels(),
+        },
         None,
         bright,
         innovation::Params {
@@ -188,11 +191,9 @@ impl<'a> Kernel for Relight<'a> {
         let mut before = [[0.0; SEGMENT]; 3];
         for y in rows {
             self.found.go_to(y, &mut line);
-            for run in segments(y, self.width) {
+            for run in segments(y, self.width).filter(|run| self.found.corrects(&line, *run)) {
                 history.load_colors(run, &mut before);
-                let Some(found) = self.found.correction(&line, run, &before) else {
-                    continue;
-                };
+                let found = self.found.correction(&line, run, &before);
                 correct_run(&found, run, &mut history);
                 for ((then, before), found) in then.parts(run).zip(&before).zip(&found) {
                     for ((then, &before), &found) in then.iter_mut().zip(before).zip(found) {

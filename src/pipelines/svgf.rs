@@ -42,7 +42,7 @@ use crate::kernels::camera::parallax::parallax;
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::fetch::validate::Surface;
 use crate::kernels::judge::exposure::exposure;
-use crate::kernels::judge::innovation::Innovation;
+use crate::kernels::judge::innovation::{self, Innovation};
 use crate::kernels::merge::accumulate;
 use crate::kernels::smooth::demodulate::Texture;
 use crate::kernels::smooth::guide::{Coarse, Guide};
@@ -318,7 +318,7 @@ fn run(
     mut now: Current,
     past: Option<State>,
     still: Option<Still>,
-    task: Task,
+    mut task: Task,
     mut reports: Reports,
     antialias: Option<&mut Stage>,
 ) -> Left {
@@ -337,6 +337,20 @@ fn run(
         None => merge_at_once(&now, memory, &mut reports),
     };
     let mut still = (now.averages).then(|| Still::add(still, &now, recalled.as_ref()));
+    if let (Some(settled), Task::Show(shown, None)) = (&mut still, &mut task)
+        && settled.is_settled()
+    {
+        show_settled(&now, settled, shown);
+        return Left {
+            used: now.used([planes, replays, false]),
+            reflections: None,
+            history,
+            evidence,
+            choice,
+            still,
+            missing,
+        };
+    }
     let (joined, later, mut shown, moved) = match task {
         Task::Show(mut shown, later) => {
             let joined = join(&now, recalled.as_ref(), &history, later, &mut reports);
@@ -409,6 +423,25 @@ fn run(
         choice,
         still,
         missing,
+    }
+}
+
+/// Shows the filtered mean of all samples alone: no filter, choice, innovation or output stage for what it would replace. The
+/// output stage keeps its history, as nothing has moved.
+fn show_settled(now: &Current, still: &mut Still, shown: &mut Shown) {
+    shown.color.fill(0.0);
+    let variance = still.show(now, shown.color).expect("albedo is known");
+    shown.variance.copy_from_slice(variance.plane(0));
+    if let Some(levels) = &mut shown.choice {
+        levels.fill(now.params.atrous.iterations as f32);
+    }
+    if let Some(moved) = &mut shown.motion {
+        now.motion
+            .pixels()
+            .part(0..2)
+            .to_planes()
+            .view()
+            .interleave(moved);
     }
 }
 
@@ -504,10 +537,19 @@ impl Current<'_> {
         reports: &Reports,
     ) -> Option<(Innovation, Interleaved)> {
         let params = self.params.history.innovation.filter(|_| self.continues)?;
-        let length = View::new(self.size(), 1, reports.history_length).into();
+        let prediction = innovation::Predicted {
+            colors: prediction,
+            lengths: View::new(self.size(), 1, reports.history_length).into(),
+        };
         let (fresh, evidence) = (self.fresh(), evidence.as_ref());
         Some(innovate(
-            params, &fresh, prediction, length, motion, exposure, evidence,
+            params,
+            &fresh,
+            None,
+            &prediction,
+            motion,
+            exposure,
+            evidence,
         ))
     }
 

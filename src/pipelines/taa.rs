@@ -22,8 +22,8 @@ use std::ops::Range;
 use self::lag::Lag;
 use self::mix::{Seen, mix};
 pub use self::params::{Limits, Params};
-use self::sweep::{Fresh, Sweep};
-use super::correction::{Weighed, correct, innovate, scale};
+use self::sweep::Sweep;
+use super::correction::{correct, innovate, scale};
 use super::frame::{
     Frame, Mistake, Output, OwnedSurface, Report, Steps, Summary, Upkeep, check_size,
 };
@@ -173,12 +173,16 @@ impl Stage {
         };
         let params = params.exposed(bright);
         let lag = self.lag(frame, motion, &input, bright);
-        let fresh = Fresh {
-            color,
-            lag: lag.as_ref(),
-        };
         let out = PixelsMut::bands(color.size, 3, shown);
-        let missing = self.step(params, fresh, motion, choice, out, input.others);
+        let missing = self.step(
+            params,
+            color,
+            lag.as_ref(),
+            motion,
+            choice,
+            out,
+            input.others,
+        );
         drop(still);
         self.correct(
             input.correction,
@@ -224,31 +228,10 @@ impl Stage {
     fn lag(&mut self, frame: &Frame, motion: Pixels, input: &Input, exposure: f32) -> Option<Lag> {
         let corrects = input.origin != Origin::Samples && input.correction.is_some();
         let history = self.history.as_mut().filter(|_| corrects)?;
-        let Others {
-            tests, confidence, ..
-        } = input.others;
-        let before = history.merged.pixels();
-        let (mut known, coverage) = fetch(before, motion, tests, Filter::Bilinear);
-        let coverage = coverage.view();
-        lag::leave_out(
-            &mut known,
-            coverage,
-            confidence,
-            frame,
-            input.color,
-            exposure,
-        );
-        let (color, length) = (known.pixels().part(0..3), known.pixels().part(3..4));
-        let fresh = Weighed {
-            samples: &frame.color,
-            prediction: &color,
-            weight: input.weight,
-        };
         let evidence = history.lag.as_ref();
-        let params = lag::PARAMS;
-        let (found, rest) = innovate(params, &fresh, &color, length, motion, exposure, evidence);
+        let (lag, rest) = Lag::find(frame, motion, &history.merged, input, exposure, evidence);
         history.lag = Some(rest);
-        Some(Lag::new(known, found))
+        Some(lag)
     }
 
     /// The motion of the still scene, if the dilation of a frame asks for it and the cameras tell it.
@@ -264,14 +247,14 @@ impl Stage {
     fn step<'a>(
         &mut self,
         params: Params,
-        fresh: Fresh<'a>,
+        color: Pixels<'a>,
+        lag: Option<&'a Lag>,
         motion: Pixels<'a>,
         choice: Choice<'a>,
         merged: impl Iterator<Item = PixelsMut<'a>>,
         others: Others<'a>,
     ) -> usize {
         let before = self.history.take();
-        let color = fresh.color;
         let Others {
             tests,
             report,
@@ -294,7 +277,8 @@ impl Stage {
         let history = before.as_ref().map(|before| [before.merged.pixels()]);
         let sweep = Sweep {
             params,
-            fresh,
+            color,
+            lag,
             motion,
             choice,
             fetch: history.map(|history| {
@@ -361,12 +345,19 @@ impl Stage {
         let color = Pixels::of_interleaved(size, 3, shown);
         let length = history.merged.pixels().part(3..4);
         let evidence = history.evidence.as_ref();
-        let fresh = Weighed {
-            samples: &samples,
-            prediction: &color,
-            weight,
+        let shown_before = innovation::Predicted {
+            colors: &color,
+            lengths: length,
         };
-        let (found, rest) = innovate(params, &fresh, &color, length, motion, exposure, evidence);
+        let (found, rest) = innovate(
+            params,
+            &samples,
+            weight,
+            &shown_before,
+            motion,
+            exposure,
+            evidence,
+        );
         let behind = (params.fed_back)
             .then(|| PixelsMut::bands(size, sweep::CHANNELS, history.merged.data_mut()));
         let shown = PixelsMut::bands(size, 3, shown);

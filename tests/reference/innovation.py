@@ -85,6 +85,7 @@ def innovation(
     levels=6,
     fed_back=True,
     sparse=False,
+    target: Tensor | None = None,
 ) -> tuple[Tensor, Tensor]:
     """Estimate the error of a prediction from samples that it has not seen: shrunk means of their relative difference.
 
@@ -104,6 +105,7 @@ def innovation(
     levels : number of block sizes
     fed_back : whether the next prediction will be corrected as well
     sparse : whether few pixels are sampled: differences are relative to the light around, evidence waits for samples
+    target : (H, W, 3), the image that is corrected, if it is not the prediction
 
     Returns
     -------
@@ -151,6 +153,8 @@ def innovation(
         v = _blur(variances * counts, squared=True) * per**2  # (h, w, 1)
         square = (b**2).sum(-1, keepdim=True).clamp(min=1e-12)  # (h, w, 1)
         found = found + (1 - strictness * v / square).clamp(min=0) * b  # (h, w, 3)
+    if target is not None:
+        light = target.nan_to_num(0, 0, 0).clamp(min=0) + black  # (H, W, 3)
     correction = _finer(found, color.shape[:2]) * light  # (H, W, 3)
     left = (mean - found if fed_back else mean).where(some > 0, 0)  # (h, w, 3)
     return correction, torch.cat([left, variance.where(some > 0, torch.nan)], -1)

@@ -48,10 +48,12 @@ def repetition(color: Tensor, previous: Tensor, motion: Tensor, deviation: Tenso
     if deviation is not None:
         ours, theirs = (rows[:, :-1] - rows[:, 1:] for rows in (found, deviation))  # (2h, W - 1) each
         ours, under, theirs = ours[::2], ours[1::2], theirs[::2]  # (h, W - 1) each
-        known = ours.isfinite() & under.isfinite() & theirs.isfinite()
-        if known.sum() >= 256:
-            ours, under, theirs = ours[known], under[known], theirs[known]
-            sticking = correlation(ours, theirs) - max(correlation(ours, under), 0)
+        down, down_before = ((rows[::2] - rows[1::2])[:, :-1] for rows in (found, deviation))  # (h, W - 1) each
+        each = torch.stack([ours, under, theirs, down, down_before])  # (5, h, W - 1)
+        ours, under, theirs, down, down_before = each[:, each.isfinite().all(0)]  # (N,) each
+        if len(ours) >= 256:
+            lasting = min(correlation(ours, theirs), correlation(down, down_before))
+            sticking = lasting - max(correlation(ours, under), 0)
     return max(standing, sticking, 0.0), found
 
 

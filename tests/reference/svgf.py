@@ -245,12 +245,16 @@ class SVGF:
             self.mixing.scale(change)
         stage, bright, late = for_frame(stage, frame), exposure(smooth), None
         if self.innovation and before is not None:
-            (known, count), coverage = reproject(before, motion, fallback=False)  # (H, W, 3), (H, W), (H, W)
-            unlike = is_beside_lamps(frame, smooth, bright) | others | (coverage <= 0.9)  # (H, W)
-            known = known.masked_fill(unlike[..., None], torch.nan)  # (H, W, 3)
-            asks = {"evidence": self.lag, "motion": motion, "exposure": bright, "strictness": 4, "share": 0.7}
-            found, self.lag = innovation(weighed(frame.color, known, weight), known, count, **asks)
-            late = known, found
+            unlike = is_beside_lamps(frame, smooth, bright) | others  # (H, W)
+
+            def late(old: Tensor, covered: Tensor) -> tuple[Tensor, Tensor]:
+                (known, count), coverage = reproject(before, motion, fallback=False)  # (H, W, 3), (H, W), (H, W)
+                known = known.masked_fill((unlike | (coverage <= 0.9))[..., None], torch.nan)  # (H, W, 3)
+                asks = {"evidence": self.lag, "motion": motion, "exposure": bright, "strictness": 4, "share": 0.7}
+                samples = weighed(frame.color, known, weight)  # (H, W, 3)
+                found, self.lag = innovation(samples, known, count, target=old, **asks)  # (H, W, 3), (h, w, 4)
+                return found, ~unlike & (covered > 0.9)
+
         given = frame.depth, still, None, others, late
         (color, length), *_ = antialias(stage, before, smooth, motion, *given)  # (H, W, 3), (H, W)
         shown = color.where(color.isfinite(), 0)  # (H, W, 3)

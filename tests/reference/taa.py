@@ -1,3 +1,4 @@
+from collections.abc import Callable
 from types import SimpleNamespace
 from typing import NamedTuple
 
@@ -181,7 +182,7 @@ def antialias(
     still: Tensor | None = None,
     tests: dict | None = None,
     others: Tensor | None = None,
-    lag: tuple[Tensor, Tensor] | None = None,
+    lag: Callable | None = None,
 ) -> Antialiased:
     """Merge a colour into the history: dilate, reproject, clip, blend.
 
@@ -197,7 +198,8 @@ def antialias(
     still : (H, W, 3), the motion that the cameras cause, if it is known
     tests : of surfaces, as for `reproject`
     others : (H, W), where a denoiser found no history of the surface
-    lag : the history (H, W, 3) that samples were compared with, NaN where they were not, and its innovation (H, W, 3)
+    lag : for a reprojected history (H, W, 3) and its coverage (H, W), its innovation (H, W, 3), and where samples were
+        compared with it (H, W)
     """
     tests = tests or {}
     memory = None
@@ -223,9 +225,9 @@ def antialias(
             old, length = moved.where(taken[..., None], old), age.where(taken, length)  # (H, W, 3), (H, W)
             coverage = seen.where(taken, coverage)  # (H, W)
     if lag is not None:
-        known, found = lag  # (H, W, 3) twice
+        found, compared = lag(old, coverage)  # (H, W, 3), (H, W)
         nearer = correct(old, found)[0].maximum(old.minimum(color)).minimum(old.maximum(color))  # (H, W, 3)
-        compared = (found != 0).any(-1) & known.isfinite().all(-1) & color.isfinite().all(-1)  # (H, W)
+        compared = compared & (found != 0).any(-1) & torch.cat([old, color], -1).isfinite().all(-1)  # (H, W)
         old = nearer.where(compared[..., None], old)  # (H, W, 3)
     among = {name: settings[name] for name in ("box", "gamma", "window", "space", "response")}
     bright = exposure(color)

@@ -20,7 +20,7 @@
 //! where ⟨·⟩ is a blur by {1, 2, 1}/4 ⊗ {1, 2, 1}/4 with borders replicated, ⟨·⟩² that of a variance, by the squares of
 //! these weights, and d is upsampled bilinearly from level to level. s is James and Stein's shrinkage factor: 0 for a
 //! mean no larger than chance makes it, nearly 1 for one many times that. The correction is d (max(p, 0) + e/16), with
-//! the pixel's own p. If the correction is fed back into the history from which the next prediction is made, the
+//! the pixel's own p, or that of another image of the same light which is corrected instead. If the correction is fed back into the history from which the next prediction is made, the
 //! evidence passed on is the rest, E − d at the finest level, with its V; otherwise it is E, because the next
 //! prediction will have the same error.
 //!
@@ -44,7 +44,7 @@ use std::ops::Range;
 use self::evidence::{Gather, LocalLight, Pool};
 use self::shrinkage::{Shrink, Subtract, upsample_columns, upsample_rows};
 use crate::error::{Result, Whole, finite_from_0, in_range, whole};
-use crate::image::{Image, Interleaved, Pixels, Run, SEGMENT, Size, segments};
+use crate::image::{Image, Interleaved, Pixels, Run, SEGMENT, Size, View, segments};
 use crate::math::{black_level, larger, smaller};
 use crate::pixels::{Colors, PixelsMut, Row};
 use crate::rows::{self, Kernel, Simd};
@@ -113,6 +113,46 @@ pub struct Innovation {
     black: f32,
 }
 
+/// What new samples are compared with.
+pub trait Prediction: Sync {
+    /// Scratch for the rows of a band.
+    type Line;
+
+    /// Height and width.
+    fn size(&self) -> Size;
+
+    /// New scratch.
+    fn line(&self) -> Self::Line;
+
+    /// Writes a run's colours, and of how many samples they were made. Missing colours are not finite.
+    fn read(&self, run: Run, line: &mut Self::Line, colors: &mut [Row; 3], lengths: &mut [f32]);
+}
+
+/// A prediction that needs no scratch.
+#[derive(Clone, Copy)]
+pub struct Predicted<'a, P> {
+    /// The colours.
+    pub colors: &'a P,
+    /// Of how many samples they were made.
+    pub lengths: Pixels<'a>,
+}
+
+impl<P: Colors> Prediction for Predicted<'_, P> {
+    type Line = ();
+
+    fn size(&self) -> Size {
+        self.lengths.size
+    }
+
+    fn line(&self) {}
+
+    #[inline(always)]
+    fn read(&self, run: Run, _: &mut (), colors: &mut [Row; 3], lengths: &mut [f32]) {
+        self.colors.colors(run, colors);
+        self.lengths.load(run, 0, lengths);
+    }
+}
+
 /// Evidence of earlier frames, and the motion that reprojects it.
 #[derive(Clone, Copy)]
 pub struct Known<'a> {
@@ -122,25 +162,24 @@ pub struct Known<'a> {
     pub motion: Option<Pixels<'a>>,
 }
 
-/// Estimates the error of a prediction; returns the correction and the evidence for the next frame.
+/// Estimates the error of a prediction; returns the correction and the evidence for the next frame. Differences of samples
+/// count by their weight only, 0 to 1, or not at all where it is NaN; without weights all count wholly.
 pub fn innovation(
     fresh: &impl Colors,
-    prediction: &impl Colors,
-    length: Pixels,
+    weight: Option<View>,
+    prediction: &impl Prediction,
     known: Option<Known>,
     exposure: f32,
     params: Params,
 ) -> (Innovation, Interleaved) {
     let black = black_level(exposure);
-    let size = evidence_size(length.size);
-    let around = params
-        .sparse
-        .then(|| LocalLight::of(prediction, length.size));
+    let size = evidence_size(prediction.size());
+    let around = params.sparse.then(|| LocalLight::of(prediction));
     let gather = Gather {
         fresh,
+        weight,
         prediction,
         around: around.as_ref(),
-        length,
         known,
         black,
         share: params.share,
@@ -187,6 +226,15 @@ pub fn innovation(
 /// Scratch: d interpolated at the height of one row of pixels, with a halo of one block on each side.
 pub(crate) struct Line([Vec<f32>; 3]);
 
+impl Line {
+    /// Of a run, with its halo.
+    #[inline(always)]
+    fn of(&self, run: Run) -> [&[f32]; 3] {
+        let rows = self.0.each_ref();
+        rows.map(|row| &row[run.x / 2..][..run.len.div_ceil(2) + 2])
+    }
+}
+
 impl Innovation {
     pub(crate) fn line(&self) -> Line {
         Line([(); 3].map(|()| vec![0.0; self.found.size.width + 2]))
@@ -200,19 +248,17 @@ impl Innovation {
         }
     }
 
-    /// The correction of a span of that row, scaled by the predicted light; `None` if it is zero throughout.
+    /// Whether the correction of a run of that row is other than zero.
     #[inline(always)]
-    pub(crate) fn correction(
-        &self,
-        line: &Line,
-        run: Run,
-        predicted: &[Row; 3],
-    ) -> Option<[Row; 3]> {
-        let rows = line.0.each_ref();
-        let rows = rows.map(|row| &row[run.x / 2..][..run.len.div_ceil(2) + 2]);
-        if rows.iter().all(|row| row.iter().all(|&d| d == 0.0)) {
-            return None;
-        }
+    pub(crate) fn corrects(&self, line: &Line, run: Run) -> bool {
+        let mut rows = line.of(run).into_iter();
+        rows.any(|row| row.iter().any(|&d| d != 0.0))
+    }
+
+    /// The correction of a run of that row, scaled by the light of what is corrected.
+    #[inline(always)]
+    pub(crate) fn correction(&self, line: &Line, run: Run, predicted: &[Row; 3]) -> [Row; 3] {
+        let rows = line.of(run);
         let mut result = [[0.0; SEGMENT]; 3];
         for ((result, row), predicted) in result.iter_mut().zip(rows).zip(predicted) {
             upsample_columns(row, &mut result[..run.len]);
@@ -221,19 +267,19 @@ impl Innovation {
                 *result *= light + self.black;
             }
         }
-        Some(result)
+        result
     }
 
     /// Writes the correction of a whole image.
     pub fn corrections<'a>(
         &'a self,
-        prediction: &'a impl Colors,
+        target: &'a impl Colors,
         size: Size,
         out: impl Iterator<Item = PixelsMut<'a>>,
     ) {
         let kernel = Corrections {
             innovation: self,
-            prediction,
+            target,
             width: size.width,
         };
         rows::run(&kernel, size.height, out);
@@ -253,7 +299,7 @@ pub(crate) fn corrected(light: f32, found: f32) -> f32 {
 
 struct Corrections<'a, P> {
     innovation: &'a Innovation,
-    prediction: &'a P,
+    target: &'a P,
     width: usize,
 }
 
@@ -267,9 +313,12 @@ impl<'a, P: Colors> Kernel for Corrections<'a, P> {
         for y in rows {
             self.innovation.go_to(y, &mut line);
             for run in segments(y, self.width) {
-                self.prediction.colors(run, &mut predicted);
-                let found = self.innovation.correction(&line, run, &predicted);
-                let found = found.unwrap_or([[0.0; SEGMENT]; 3]);
+                self.target.colors(run, &mut predicted);
+                let found = if self.innovation.corrects(&line, run) {
+                    self.innovation.correction(&line, run, &predicted)
+                } else {
+                    [[0.0; SEGMENT]; 3]
+                };
                 out.write(run, found.each_ref().map(Row::as_slice));
             }
         }

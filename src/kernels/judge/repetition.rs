@@ -6,9 +6,11 @@
 //!
 //! With y the luminance of the new samples, p that of the frame before, brought along the motion, and
 //! ρ = (y − p) / (|y| + |p|), the differences δ(x) = ρ(x) − ρ(x + 1) of neighbours in a row leave out slow changes of light;
-//! detail that moves with its surface cancels in ρ. Of independent noise, two frames' δ share only that of the frame between
-//! them, with opposite signs: their correlation is between 0 and −½. Noise that sticks to the screen correlates by
-//!   C = corr(δ, δ′), δ′ those of the frame before at the same pixels.
+//! detail that moves with its surface cancels in ρ. Noise that sticks to the screen correlates by
+//!   C = min(corr(δ, δ′), corr(δᵥ, δᵥ′)), δ′ those of the frame before at the same pixels, δᵥ(x) = ρ(x) − ρ(x↓).
+//! Of independent noise, two frames' δ share only that of the frame between them. Mostly they do with opposite signs; but
+//! where it has moved by a pixel along the row, one of two samples has the same sign in both, and they correlate by ¼. δᵥ,
+//! with the pixel below, then share none.
 //! Where nothing moves, ρ of noise that repeats is 0, and
 //!   S: the share of pairs of which y(x) is as it was, bit by bit, and |ε(x)| above ⅒, ε(x) = (y(x) − y(x + 1)) / (|y(x)| +
 //!   |y(x + 1)|),
@@ -30,7 +32,7 @@ use crate::kernels::fetch::footprint::Filter;
 use crate::kernels::fetch::reproject::{self, Fetch};
 use crate::kernels::fetch::validate::Tests;
 use crate::lanes::LANES;
-use crate::math::{is_present, larger, luminance};
+use crate::math::{is_present, larger, luminance, smaller};
 use crate::pixels::{Colors, MotionLanes};
 use crate::rows::{self, Kernel, Simd};
 
@@ -141,19 +143,23 @@ fn sticking(now: View, before: View) -> f32 {
         rows.map(|&sum| f64::from(sum)).sum()
     };
     let pairs = total(0) as usize;
-    let [lasting, below] = [[1, 3], [2, 4]].map(|[product, square]| Correlation {
-        pairs,
-        product: total(product),
-        squares: [total(5), total(square)],
-    });
+    let of = |[product, one, other]: [usize; 3]| {
+        let correlation = Correlation {
+            pairs,
+            product: total(product),
+            squares: [total(one), total(other)],
+        };
+        correlation.value()
+    };
+    let [along, down, below] = [[1, 2, 3], [4, 5, 6], [7, 2, 8]].map(of);
     match pairs {
-        FEWEST.. => lasting.value() - larger(below.value(), 0.0),
+        FEWEST.. => smaller(along, down) - larger(below, 0.0),
         _ => 0.0,
     }
 }
 
-/// The number of pairs, then the sums of δ δ′, δ δ↓, δ′², δ↓² and δ².
-const SUMS: usize = 6;
+/// The number of pairs, then the sums of δ δ′, δ², δ′², δᵥ δᵥ′, δᵥ², δᵥ′², δ δ↓ and δ↓².
+const SUMS: usize = 9;
 
 /// Writes [`SUMS`] for each row that is looked at, with the one below.
 struct Products<'a> {
@@ -168,33 +174,35 @@ impl<'a> Kernel for Products<'a> {
     fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut sums: BandMut<'a>) {
         for row in rows {
             let y = 2 * row;
-            let rows = [
-                self.now.row(0, y),
-                self.before.row(0, y),
-                self.now.row(0, y + 1),
-            ];
+            let rows = [y, y + 1].map(|y| [&self.now, &self.before].map(|image| image.row(0, y)));
             // One partial sum per lane: a single sum would be one chain of dependent additions.
             let mut partial = [[0.0_f32; LANES]; SUMS];
-            let last = rows[0].len().saturating_sub(1);
+            let last = rows[0][0].len().saturating_sub(1);
             for start in (0..last).step_by(LANES) {
                 // Beyond the last pair nothing is known.
-                let [own, lasting, below] = rows.map(|row| match row.get(start..=start + LANES) {
-                    Some(row) => std::array::from_fn(|i| row[i] - row[i + 1]),
-                    None => std::array::from_fn::<_, LANES, _>(|i| match row.get(start + i + 1) {
-                        Some(next) => row[start + i] - next,
-                        None => f32::NAN,
-                    }),
+                let parts = rows.map(|row| {
+                    row.map(|row| {
+                        std::array::from_fn::<_, { LANES + 1 }, _>(|i| {
+                            row.get(start + i).copied().unwrap_or(f32::NAN)
+                        })
+                    })
                 });
+                let [[own, lasting], [below, lasting_below]] = &parts;
                 for i in 0..LANES {
-                    let known = is_present([own[i], lasting[i], below[i]]);
-                    let [own, lasting, below] =
-                        [own[i], lasting[i], below[i]].map(|v| if known { v } else { 0.0 });
+                    let along = [own, lasting, below].map(|row| row[i] - row[i + 1]);
+                    let down = [own[i] - below[i], lasting[i] - lasting_below[i]];
+                    let known = is_present(along) & is_present([down[0], down[1], 0.0]);
+                    let [own, lasting, below] = along.map(|v| if known { v } else { 0.0 });
+                    let [down, lasting_down] = down.map(|v| if known { v } else { 0.0 });
                     partial[0][i] += f32::from(u8::from(known));
                     partial[1][i] += own * lasting;
-                    partial[2][i] += own * below;
+                    partial[2][i] += own * own;
                     partial[3][i] += lasting * lasting;
-                    partial[4][i] += below * below;
-                    partial[5][i] += own * own;
+                    partial[4][i] += down * lasting_down;
+                    partial[5][i] += down * down;
+                    partial[6][i] += lasting_down * lasting_down;
+                    partial[7][i] += own * below;
+                    partial[8][i] += below * below;
                 }
             }
             for (channel, partial) in partial.iter().enumerate() {

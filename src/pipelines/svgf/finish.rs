@@ -104,12 +104,11 @@ impl<'a> Kernel for Finish<'a> {
             }
             for run in segments(y, width) {
                 self.passes.colors(run, &mut color);
-                let correction = match (self.innovation, &line) {
-                    (Some(innovation), Some(line)) => innovation.correction(line, run, &color),
-                    _ => None,
-                };
-                if let Some(correction) = &correction {
-                    out.correct(run, &mut color, correction);
+                if let Some((innovation, line)) = self.innovation.zip(line.as_ref())
+                    && innovation.corrects(line, run)
+                {
+                    let correction = innovation.correction(line, run, &color);
+                    out.correct(run, &mut color, &correction);
                 }
                 let Some(shown) = &mut out.color else {
                     continue;

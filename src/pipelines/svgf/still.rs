@@ -6,7 +6,8 @@
 //! the mean itself; the innovation corrects it, by a stricter test than elsewhere, as noise that is added to it stays.
 //!
 //! The filtered mean replaces the usual result from N = 8 to 16 on, with the share (N − 8)/8, and is then mixed with the
-//! unfiltered mean ([`converge`]). Without albedo, where texture looks like noise, the usual result is mixed instead.
+//! unfiltered mean ([`converge`]). Without albedo, where texture looks like noise, the usual result is mixed instead. Once all
+//! pixels have 16 samples, the usual result is no longer made ([`Still::is_settled`]).
 
 use std::array;
 use std::ops::Range;
@@ -112,8 +113,16 @@ impl Still {
         }
     }
 
-    /// Replaces what is shown by the filtered mean, as far as it has enough samples.
-    pub fn show(&mut self, now: &Current, shown: &mut [f32]) {
+    /// Whether the filtered mean is all that is shown.
+    pub fn is_settled(&self) -> bool {
+        let [_, _, number] = parts(&self.mean);
+        let (records, step) = number.elements();
+        let mut numbers = records.iter().step_by(step);
+        self.guides[0].is_some() && numbers.all(|&number| number >= 2.0 * FEWEST)
+    }
+
+    /// Replaces what is shown by the filtered mean, as far as it has enough samples. Returns the variance of its luminance.
+    pub fn show(&mut self, now: &Current, shown: &mut [f32]) -> Option<Image> {
         let size = now.size();
         let bright = exposure(self.mean.pixels().part(0..3));
         if now.params.history.innovation.is_some() && self.frames > 1 {
@@ -125,7 +134,7 @@ impl Still {
         let Some(albedo) = albedo else {
             // Nothing tells texture from noise. The usual result has been filtered as new samples find best.
             converge(shown, [mean, moments, number], bright, 1.0);
-            return;
+            return None;
         };
         let texture = Texture {
             albedo,
@@ -182,6 +191,7 @@ impl Still {
         let rows = shown.chunks_mut(BAND * 3 * size.width);
         rows::run(&settle, size.height, rows);
         converge(shown, [mean, moments, number], bright, STRICTNESS);
+        Some(rest)
     }
 
     /// Corrects the mean by what this frame's samples show to be wrong with it.
@@ -190,11 +200,15 @@ impl Still {
         let [mean, _, number] = parts(&self.mean);
         let evidence = self.evidence.as_ref();
         let motion = now.motion.pixels();
+        let known = innovation::Predicted {
+            colors: &mean,
+            lengths: number,
+        };
         let (found, rest) = innovate(
             CORRECTION,
             &now.frame.color,
-            &mean,
-            number,
+            None,
+            &known,
             motion,
             bright,
             evidence,

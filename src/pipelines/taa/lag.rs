@@ -1,9 +1,10 @@
 //! How the history of a denoiser's output lags behind light that changes, found before the history is merged.
 //!
 //! Merging old and new colours takes many frames to follow a light. So the reprojected history h is corrected first, by the
-//! innovation d of the new samples ([`crate::kernels::judge::innovation`]), of which it contains none yet:
-//!   h ← clamp(h + d, min(h, c), max(h, c)).
-//! It moves towards the new denoised colour c and no further: blocks of samples reach over edges, c does not.
+//! innovation of the new samples ([`crate::kernels::judge::innovation`]), of which it contains none yet:
+//!   h ← clamp(h + d (max(h, 0) + e/16), min(h, c), max(h, c)).
+//! It moves towards the new denoised colour c and no further: blocks of samples reach over edges, c does not. Samples are
+//! compared with history fetched bilinearly along their own motion, as dilated motion would lead over edges.
 //!
 //! Samples are not compared with history of another surface (coverage up to [`COVERED`], or none according to the denoiser),
 //! nor on lamps, other bright pixels ([`BRIGHT`]) and the sky, and one pixel around: beside these the edges are antialiased,
@@ -14,11 +15,17 @@
 
 use std::ops::Range;
 
-use crate::image::{BandMut, Image, Pixels, Run, SEGMENT, View, segments};
-use crate::kernels::judge::innovation::{self, Innovation, corrected};
+use super::Input;
+use crate::image::{
+    BandMut, Image, Interleaved, Pixels, Run, SEGMENT, Size, View, deinterleave, segments,
+};
+use crate::kernels::fetch::footprint::Filter;
+use crate::kernels::fetch::reproject::{self, Fetch, Fetched};
+use crate::kernels::judge::innovation::{self, Innovation, Prediction, corrected};
 use crate::math::{is_present, larger, luminance, smaller};
+use crate::pipelines::correction::innovate;
 use crate::pipelines::frame::Frame;
-use crate::pixels::{Colors, Rolling, Row};
+use crate::pixels::{Colors, MotionLanes, Rolling, Row};
 use crate::rows::{self, Kernel, Simd};
 
 /// How the innovation tells a lag from noise. At a strictness of 3, the temporal error of `shallow_focus` and `brushed_metal`
@@ -38,48 +45,74 @@ const BRIGHT: f32 = 6.0;
 
 /// By how much the history lags: what new samples show to be wrong with it.
 pub struct Lag {
-    /// The reprojected history that they were compared with; NaN where they were not.
-    known: Image,
     found: Innovation,
-}
-
-/// Scratch for one row.
-pub struct Line {
-    found: innovation::Line,
-    known: [Row; 3],
+    /// 1 where samples are not compared with history, whatever its surface.
+    unlike: Image<u8>,
 }
 
 impl Lag {
-    pub fn new(known: Image, found: Innovation) -> Self {
-        Self { known, found }
-    }
-
-    pub fn line(&self) -> Line {
-        Line {
-            found: self.found.line(),
-            known: [[0.0; SEGMENT]; 3],
-        }
-    }
-
-    #[inline(always)]
-    pub fn go_to(&self, y: usize, line: &mut Line) {
-        self.found.go_to(y, &mut line.found);
-    }
-
-    /// Corrects a run of the history, towards the new colours.
-    #[inline(always)]
-    pub fn catch_up(&self, run: Run, line: &mut Line, new: [&[f32]; 3], history: &mut [Row; 3]) {
-        let known = &mut line.known;
-        self.known.pixels().part(0..3).colors(run, known);
-        let Some(found) = self.found.correction(&line.found, run, known) else {
-            return;
+    /// Compares the samples of a frame with history. Also returns the evidence for the next frame.
+    pub fn find(
+        frame: &Frame,
+        motion: Pixels,
+        history: &Interleaved,
+        input: &Input,
+        exposure: f32,
+        evidence: Option<&Interleaved>,
+    ) -> (Self, Interleaved) {
+        let size = motion.size;
+        let unlike = unlike_samples(frame, input.color, exposure);
+        let (tests, bilinear) = (input.others.tests, reproject::Params::of(Filter::Bilinear));
+        let known = Known {
+            fetch: Fetch::new(&[history.pixels()], size, tests, bilinear),
+            motion,
+            unlike: unlike.view(),
+            confidence: input.others.confidence,
         };
+        let (found, rest) = innovate(
+            PARAMS,
+            &frame.color,
+            input.weight,
+            &known,
+            motion,
+            exposure,
+            evidence,
+        );
+        (Self { found, unlike }, rest)
+    }
+
+    pub fn line(&self) -> innovation::Line {
+        self.found.line()
+    }
+
+    #[inline(always)]
+    pub fn go_to(&self, y: usize, line: &mut innovation::Line) {
+        self.found.go_to(y, line);
+    }
+
+    /// Corrects a run of the reprojected history, towards the new colours.
+    #[inline(always)]
+    pub fn catch_up(
+        &self,
+        run: Run,
+        line: &innovation::Line,
+        new: [&[f32]; 3],
+        coverage: &[f32],
+        confidence: Option<View>,
+        history: &mut [Row; 3],
+    ) {
+        if !self.found.corrects(line, run) {
+            return;
+        }
         let n = run.len;
-        let [kr, kg, kb] = known.each_ref().map(|row| &row[..n]);
-        let [nr, ng, nb] = new.map(|row| &row[..n]);
+        let found = self.found.correction(line, run, history);
         let mut compared = [false; SEGMENT];
-        for (i, compared) in compared[..n].iter_mut().enumerate() {
-            *compared = is_present([kr[i], kg[i], kb[i]]) & is_present([nr[i], ng[i], nb[i]]);
+        let compared = &mut compared[..n];
+        find_compared(run, self.unlike.view(), coverage, confidence, compared);
+        let [hr, hg, hb] = history.each_ref().map(|row| &row[..n]);
+        let [nr, ng, nb] = new.map(|row| &row[..n]);
+        for (i, compared) in compared.iter_mut().enumerate() {
+            *compared &= is_present([hr[i], hg[i], hb[i]]) & is_present([nr[i], ng[i], nb[i]]);
         }
         for ((history, found), new) in history.iter_mut().zip(&found).zip([nr, ng, nb]) {
             let (history, found, compared) = (&mut history[..n], &found[..n], &compared[..n]);
@@ -93,37 +126,105 @@ impl Lag {
     }
 }
 
-/// Makes those pixels of a reprojected history NaN with which samples are not to be compared.
-pub fn leave_out(
-    known: &mut Image,
-    coverage: View,
+/// The reprojected history, as far as samples are compared with it: missing elsewhere.
+struct Known<'a> {
+    /// Of colour and length.
+    fetch: Fetch<'a>,
+    motion: Pixels<'a>,
+    unlike: View<'a, u8>,
+    /// 0 where a denoiser found no history of the surface.
+    confidence: Option<View<'a>>,
+}
+
+impl Prediction for Known<'_> {
+    type Line = (MotionLanes, Fetched);
+
+    fn size(&self) -> Size {
+        self.motion.size
+    }
+
+    fn line(&self) -> Self::Line {
+        (MotionLanes::zeroed(), self.fetch.scratch())
+    }
+
+    #[inline(always)]
+    fn read(
+        &self,
+        run: Run,
+        (motion, fetched): &mut Self::Line,
+        colors: &mut [Row; 3],
+        lengths: &mut [f32],
+    ) {
+        let n = run.len;
+        self.fetch.run(run, motion.load(&self.motion, run), fetched);
+        let [r, g, b] = colors.each_mut().map(|row| &mut row[..n]);
+        let channels = [r, g, b, lengths];
+        deinterleave(
+            &fetched.values(0)[..n * channels.len()],
+            channels.into_iter(),
+        );
+        let mut compared = [false; SEGMENT];
+        let compared = &mut compared[..n];
+        find_compared(
+            run,
+            self.unlike,
+            &fetched.coverage,
+            self.confidence,
+            compared,
+        );
+        for row in colors {
+            for (value, &compared) in row.iter_mut().zip(&*compared) {
+                *value = if compared { *value } else { f32::NAN };
+            }
+        }
+    }
+}
+
+/// Finds the pixels of a run whose samples are compared with history of this coverage.
+#[inline(always)]
+fn find_compared(
+    run: Run,
+    unlike: View<u8>,
+    coverage: &[f32],
     confidence: Option<View>,
-    frame: &Frame,
-    color: Pixels,
-    exposure: f32,
+    compared: &mut [bool],
 ) {
-    let size = known.size;
-    let kernel = LeaveOut {
-        coverage,
-        confidence,
+    let unlike = &unlike.row(0, run.y)[run.x..][..run.len];
+    for ((compared, &unlike), &coverage) in compared.iter_mut().zip(unlike).zip(coverage) {
+        *compared = (unlike == 0) & (coverage > COVERED);
+    }
+    if let Some(confidence) = confidence {
+        let confidence = &confidence.row(0, run.y)[run.x..][..run.len];
+        for (compared, &confidence) in compared.iter_mut().zip(confidence) {
+            *compared &= confidence > 0.0;
+        }
+    }
+}
+
+/// Marks with 1 the lamps and the sky and what may be either, and one pixel around.
+fn unlike_samples(frame: &Frame, color: Pixels, exposure: f32) -> Image<u8> {
+    let mut marks = Image::blank(color.size, 1);
+    let kernel = Unlike {
         emission: frame.emission,
         depth: frame.surface.depth,
         color,
         bright: BRIGHT * exposure,
     };
-    rows::run_jobs(&kernel, rows::tall_jobs(size.height, 1, known.bands()));
+    rows::run_jobs(
+        &kernel,
+        rows::tall_jobs(color.size.height, 1, marks.bands()),
+    );
+    marks
 }
 
-struct LeaveOut<'a> {
-    coverage: View<'a>,
-    confidence: Option<View<'a>>,
+struct Unlike<'a> {
     color: Pixels<'a>,
     bright: f32,
     emission: Option<Pixels<'a>>,
     depth: Option<Pixels<'a>>,
 }
 
-impl LeaveOut<'_> {
+impl Unlike<'_> {
     /// Writes 1 for pixels of a run that show a lamp or the sky, or may do so.
     #[inline(always)]
     fn mark(&self, run: Run, marks: &mut [f32]) {
@@ -156,15 +257,14 @@ impl LeaveOut<'_> {
     }
 }
 
-impl<'a> Kernel for LeaveOut<'a> {
-    type Out = Vec<BandMut<'a>>;
+impl<'a> Kernel for Unlike<'a> {
+    type Out = Vec<BandMut<'a, u8>>;
 
     #[inline(always)]
-    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut known: Self::Out) {
-        let size = self.coverage.size;
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut out: Self::Out) {
+        let size = self.color.size;
         let width = size.width;
         let mut marks = Rolling::<1>::within(width, 1, 0.0);
-        let sure = vec![1.0; width];
         for y in rows.clone() {
             for due in marks.due(y, y == rows.start) {
                 if let Some([row]) = marks.fresh(due, size) {
@@ -173,19 +273,12 @@ impl<'a> Kernel for LeaveOut<'a> {
                     }
                 }
             }
-            let band = &mut known[(y - rows.start) / rows::BAND];
-            let coverage = self.coverage.row(0, y);
-            let confidence = (self.confidence).map_or(&*sure, |confidence| confidence.row(0, y));
             let [above, own, below] =
                 [-1, 0, 1].map(|dy| &marks.row(y as isize + dy)[0][..width + 2]);
-            let [red, green, blue] = band.rows(y);
-            for x in 0..width {
+            let out = out[(y - rows.start) / rows::BAND].row(0, y);
+            for (x, out) in out.iter_mut().enumerate() {
                 let around = |row: &[f32]| row[x] + row[x + 1] + row[x + 2];
-                let marked = around(above) + around(own) + around(below) > 0.0;
-                let left_out = marked | (confidence[x] <= 0.0) | (coverage[x] <= COVERED);
-                for row in [&mut *red, &mut *green, &mut *blue] {
-                    row[x] = if left_out { f32::NAN } else { row[x] };
-                }
+                *out = u8::from(around(above) + around(own) + around(below) > 0.0);
             }
         }
     }

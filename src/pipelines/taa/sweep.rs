@@ -51,21 +51,15 @@ const APART: f32 = 0.05;
 /// to the temporal error of `passer_by` and `shallow_focus`.
 const OTHERS: f32 = 8.0;
 
-/// What is merged into the history.
-#[derive(Clone, Copy)]
-pub struct Fresh<'a> {
-    pub color: Pixels<'a>,
-    /// How the history lags behind the samples that the colour was made of.
-    pub lag: Option<&'a Lag>,
-}
-
 pub struct Sweep<'a> {
     pub params: Params,
-    pub fresh: Fresh<'a>,
+    pub color: Pixels<'a>,
     pub motion: Pixels<'a>,
     pub choice: Choice<'a>,
     /// None for a first frame.
     pub fetch: Option<Fetch<'a>>,
+    /// What corrects history that lags behind the samples which the colour was made of.
+    pub lag: Option<&'a Lag>,
     pub gradient: Option<View<'a>>,
     pub returns: Option<Pixels<'a>>,
     /// 0 where a denoiser found no history of the surface.
@@ -87,7 +81,7 @@ impl Sweep<'_> {
         merged: impl Iterator<Item = PixelsMut<'a>>,
         report: Option<Vec<Report>>,
     ) -> (Interleaved, usize) {
-        let size = self.fresh.color.size;
+        let size = self.color.size;
         let mut history = Interleaved::blank(size, CHANNELS);
         let mut missing = vec![0; size.height.div_ceil(BAND)];
         let outs = PixelsMut::bands(size, CHANNELS, history.data_mut())
@@ -192,18 +186,18 @@ impl<'a> Kernel for Sweep<'a> {
     #[inline(always)]
     fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut outs: Self::Out) {
         let Params { clip, blend, .. } = self.params;
-        let size = self.fresh.color.size;
+        let size = self.color.size;
         let mut window = Window::new(size.width, clip);
         let mut past = Past::new(self);
         let mut own_motion = MotionLanes::zeroed();
         let (mut factors, mut merged) = ([0.0; SEGMENT], [[0.0; SEGMENT]; 3]);
-        let mut lag = self.fresh.lag.map(|lag| (lag, lag.line()));
+        let mut lag = self.lag.map(|lag| (lag, lag.line()));
         for y in rows.clone() {
             let first = y == rows.start;
             if let Some((lag, line)) = &mut lag {
                 lag.go_to(y, line);
             }
-            window.roll(self.fresh.color, y, first);
+            window.roll(self.color, y, first);
             if let Some(dilation) = &mut past.dilation {
                 dilation.roll(y, first);
             }
@@ -213,7 +207,8 @@ impl<'a> Kernel for Sweep<'a> {
                 past.fetch(run, motion, self.fetch.as_ref());
                 past.follow_movers(run, motion, self.fetch.as_ref(), &window, clip.exposure);
                 if let Some((lag, line)) = &mut lag {
-                    lag.catch_up(run, line, window.colors.own(run), &mut past.color);
+                    let (new, coverage) = (window.colors.own(run), &past.coverage);
+                    lag.catch_up(run, line, new, coverage, self.confidence, &mut past.color);
                 }
                 self.clip(run, motion, &mut window, &mut past);
                 let colors = window.colors.own(run);

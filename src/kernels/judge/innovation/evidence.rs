@@ -2,8 +2,8 @@
 
 use std::ops::Range;
 
-use super::{CHANNELS, Known};
-use crate::image::{BandMut, Image, Pixels, Run, SEGMENT, Size, View, segments};
+use super::{CHANNELS, Known, Prediction};
+use crate::image::{BandMut, Image, Run, SEGMENT, Size, View, segments};
 use crate::math::{is_present, larger, saturate, smaller};
 use crate::pixels::{Colors, Row};
 use crate::rows::{self, Kernel, Simd};
@@ -16,10 +16,11 @@ const CORRELATION: f32 = 4.0;
 /// Writes E and V of every 2×2 block: the new samples' merged with reprojected evidence.
 pub struct Gather<'a, F, P> {
     pub fresh: &'a F,
+    /// By how much of its difference from the prediction each sample counts.
+    pub weight: Option<View<'a>>,
     pub prediction: &'a P,
     /// The light l, if it is not the prediction itself.
     pub around: Option<&'a LocalLight>,
-    pub length: Pixels<'a>,
     pub known: Option<Known<'a>>,
     pub black: f32,
     pub share: f32,
@@ -48,11 +49,13 @@ struct Pairs {
     pixels: f32,
 }
 
-impl<'a, F: Colors, P: Colors> Kernel for Gather<'a, F, P> {
+impl<'a, F: Colors, P: Prediction> Kernel for Gather<'a, F, P> {
     type Out = BandMut<'a>;
 
     #[inline(always)]
     fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut out: BandMut<'a>) {
+        let Size { height, width } = self.prediction.size();
+        let mut scratch = self.prediction.line();
         let mut lines = [(); 2].map(|()| Line::blank());
         let mut pairs = Pairs {
             relative: [[0.0; SEGMENT]; 3],
@@ -63,15 +66,15 @@ impl<'a, F: Colors, P: Colors> Kernel for Gather<'a, F, P> {
             pixels: 0.0,
         };
         for y in rows {
-            for run in segments(2 * y, self.length.size.width) {
-                self.read(run, &mut lines[0]);
-                let below = run.y + 1 < self.length.size.height;
+            for run in segments(2 * y, width) {
+                self.read(run, &mut scratch, &mut lines[0]);
+                let below = run.y + 1 < height;
                 if below {
                     let run = Run {
                         y: run.y + 1,
                         ..run
                     };
-                    self.read(run, &mut lines[1]);
+                    self.read(run, &mut scratch, &mut lines[1]);
                 } else {
                     lines[1].clear(0);
                 }
@@ -105,12 +108,20 @@ impl Line {
     }
 }
 
-impl<F: Colors, P: Colors> Gather<'_, F, P> {
+impl<F: Colors, P: Prediction> Gather<'_, F, P> {
     #[inline(always)]
-    fn read(&self, run: Run, line: &mut Line) {
+    fn read(&self, run: Run, scratch: &mut P::Line, line: &mut Line) {
         self.fresh.colors(run, &mut line.fresh);
-        self.prediction.colors(run, &mut line.predicted);
-        self.length.load(run, 0, &mut line.length[..run.len]);
+        let lengths = &mut line.length[..run.len];
+        (self.prediction).read(run, scratch, &mut line.predicted, lengths);
+        if let Some(weight) = self.weight {
+            let weight = &weight.row(0, run.y)[run.x..][..run.len];
+            for (sample, predicted) in line.fresh.iter_mut().zip(&line.predicted) {
+                for ((sample, predicted), weight) in sample.iter_mut().zip(predicted).zip(weight) {
+                    *sample = predicted + weight * (*sample - predicted);
+                }
+            }
+        }
         if let Some(from) = self.known.and_then(|known| known.motion) {
             from.read(run, line.motion.each_mut().map(Row::as_mut_slice));
         }
@@ -251,10 +262,11 @@ const NEXT: [f32; WIDE] = [0.375, 0.125, 0.125, 0.375];
 pub struct LocalLight(Image);
 
 impl LocalLight {
-    pub fn of(light: &impl Colors, size: Size) -> Self {
+    pub fn of(light: &impl Prediction) -> Self {
+        let size = light.size();
         let [height, width] = [size.height, size.width].map(|n| n.div_ceil(WIDE));
         let mut blocks = Image::blank(Size { height, width }, 3);
-        rows::run(&Average { light, size }, height, blocks.bands());
+        rows::run(&Average(light), height, blocks.bands());
         Self(blocks)
     }
 
@@ -296,26 +308,24 @@ fn next_block(block: usize, place: usize, count: usize) -> usize {
 }
 
 /// Averages light over blocks. Missing and negative values count as 0.
-struct Average<'a, P> {
-    light: &'a P,
-    /// Full-resolution size.
-    size: Size,
-}
+struct Average<'a, P>(&'a P);
 
-impl<'a, P: Colors> Kernel for Average<'a, P> {
+impl<'a, P: Prediction> Kernel for Average<'a, P> {
     type Out = BandMut<'a>;
 
     #[inline(always)]
     fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut out: BandMut<'a>) {
-        let Size { height, width } = self.size;
-        let mut light = [[0.0; SEGMENT]; 3];
+        let Size { height, width } = self.0.size();
+        let mut scratch = self.0.line();
+        let (mut light, mut lengths) = ([[0.0; SEGMENT]; 3], [0.0; SEGMENT]);
         let mut sums = [[0.0; SEGMENT]; 3];
         for block in rows {
             let lines = block * WIDE..(block * WIDE + WIDE).min(height);
             for run in segments(lines.start, width) {
                 sums.iter_mut().for_each(|row| row.fill(0.0));
                 for y in lines.clone() {
-                    self.light.colors(Run { y, ..run }, &mut light);
+                    let (run, lengths) = (Run { y, ..run }, &mut lengths[..run.len]);
+                    self.0.read(run, &mut scratch, &mut light, lengths);
                     let [r, g, b] = &light;
                     let [sr, sg, sb] = &mut sums;
                     for x in 0..run.len {
