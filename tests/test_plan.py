@@ -15,6 +15,7 @@ from test_cli import refused, run
 from yester.io import read_exr, write_exr
 from yester.judge import estimate, predictive_error, sums
 from yester.plan import _cropped, _windows
+from yester.study.rendered.recording import record
 
 SIZE = 96, 64
 
@@ -229,9 +230,33 @@ def test_static_sequences_are_averaged(still):
         errors.append(float((((images[-1] - truth) ** 2) / (truth**2 + 0.01)).mean()))
     assert errors[0] < 0.9 * errors[1]
     assert yester.plan([replace(frame, motion=None) for frame in still]).static
-    assert not yester.plan([replace(frame, motion=None, camera=None) for frame in still]).static
     assert yester.plan(frames(moving=False, light=lambda t: 1 + 2 * (t > 3))).static
     assert not yester.plan(frames(moving=False, light=lambda t: 0.8**t)).static
+
+
+def test_nothing_is_judged_without_motion(still):
+    """In place, results would be compared with samples of other surfaces, which favours the most blurred."""
+    for lacking in ({"camera": None}, {"depth": None, "position": None}):
+        with pytest.warns(UserWarning, match="no motion, and no camera with depth or position"):
+            found = yester.plan([replace(frame, motion=None, **lacking) for frame in still])
+        assert not found.static
+        assert not found.without
+        assert found.reason.startswith("no motion")
+
+
+@pytest.mark.parametrize("factor", [2.0**-4, 2.0**8, 2.0**40])
+def test_brightness_changes_nothing(factor):
+    """Noise instead of albedo is found in frames of any exposure."""
+    given = frames(albedo=lambda rng, shot: rng.uniform(0.05, 1, shot.albedo.shape).astype(np.float32))
+    brighter = [replace(frame, color=frame.color * np.float32(factor)) for frame in given]
+    assert yester.plan(brighter).without == yester.plan(given).without == ("albedo",)
+
+
+@pytest.mark.slow
+def test_light_that_moves_leaves_normals_in(tmp_path):
+    """Without them, results are blurred in the direction in which the light moves: as the next frame has it."""
+    rendered = record("passing_day", tmp_path, frames=12, width=128, height=96, reference_spp=1)
+    assert yester.plan([rendered.frame(number) for number in range(8)]).without == ()
 
 
 def test_cameras_at_rest_are_used_if_nothing_else_tells_motion(still, moving):

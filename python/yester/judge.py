@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ._core import Camera, demodulate, is_reflectance, motion_vectors, repetition, reproject
+from ._core import Camera, demodulate, invert_motion, is_reflectance, motion_vectors, repetition, reproject
 from .frame import Frame
 from .metrics import Picture
 
@@ -185,6 +185,16 @@ def still_motion(frame: Frame, other: Camera | None) -> NDArray[np.float32] | No
 def known_motion(before: Frame, frame: Frame) -> NDArray[np.float32] | None:
     """The motion to the frame before: the frame's own, else that of the cameras; None if unknown."""
     return still_motion(frame, before.camera) if frame.motion is None else frame.motion
+
+
+def inverse_motion(motion: NDArray[np.float32] | None, frame: Frame, other: Frame) -> NDArray[np.float32] | None:
+    """Motion from a frame to another one, by the motion that leads back, or by cameras; None if both are unknown."""
+    still = still_motion(frame, other.camera)
+    if motion is None:
+        return still
+    if still is not None:
+        still = still[..., : motion.shape[-1]]
+    return invert_motion(motion, other.depth, still=still)
 
 
 def rests(before: Frame, frame: Frame) -> bool:

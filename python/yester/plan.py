@@ -11,6 +11,7 @@ import tomllib
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import groupby, islice, pairwise
 from numbers import Integral
 from operator import itemgetter
@@ -21,10 +22,20 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ._core import SVGF, Camera, Output
-from .frame import BUFFERS, Frame, alike
+from ._core import SVGF, Camera, Output, exposure
+from .frame import BUFFERS, Frame, alike, turned
 from .io.files import beside
-from .judge import REPEATS, estimate, found_again, repetitions, rests, sums
+from .judge import (
+    REPEATS,
+    UNMOVED,
+    estimate,
+    found_again,
+    inverse_motion,
+    known_motion,
+    repetitions,
+    rests,
+    sums,
+)
 
 __all__ = ["PLANNED", "Plan", "Planned", "Stage", "plan", "split_at_cuts"]
 
@@ -41,6 +52,11 @@ _STRICTNESS, _MARGIN = 2.0, 0.05
 #: Loss (a gain, as it is negative) below which a buffer is left out. The second is for buffers that distinguish
 #: surfaces: these matter most at edges and disocclusions, which are not judged.
 _HARM, _SURFACE_HARM = -0.125, -0.5
+#: Share of pixels that must be judged before albedo is left out: edges are not, and of grass, which is all edges, only
+#: the least typical pixels.
+_MOST = 0.5
+#: Exposure to which brighter frames are dimmed. None of the study's sequences is as bright.
+_BRIGHT = 3.0
 #: Share of pixels found again up to which buffers that distinguish surfaces are taken for broken.
 _FEW = 0.01
 #: A cut: the share of pixels found again, relative to that of the frame before. Least share of that frame, as buffers
@@ -427,6 +443,11 @@ def plan(frames: Iterable[Frame], *, count: int = PLANNED) -> Plan:
     once more. Without evidence, everything is used. How many passes filter a tile is no part of a plan, since `SVGF`
     chooses that itself, frame by frame.
 
+    What seems superfluous is judged once more with the frames in reverse order, and must be so in the mean of both:
+    results that are blurred in the direction in which light moves seem better than they are, and in reverse worse.
+    Albedo is left out only if at least half of the pixels are compared: edges are not, and of grass and fur hardly any
+    pixel is.
+
     If camera and scene stand still and the light is constant, all samples are averaged as long as nothing moves
     (``average_still=True``), unless that is significantly worse.
 
@@ -441,8 +462,9 @@ def plan(frames: Iterable[Frame], *, count: int = PLANNED) -> Plan:
     -------
     Plan
         The default, with a `UserWarning` and a ``reason``, if nothing can be judged: fewer than five frames, no depth,
-        normals or ids, no finite samples, values above 1e18, noise that is the same in most frames, no pixel that is
-        found again in the next frame, or nothing that changes from frame to frame, as in black or constant images.
+        normals or ids, no finite samples, values above 1e18, noise that is the same in most frames, no motion and no
+        camera with depth or position to compute it from, no pixel that is found again in the next frame, or nothing
+        that changes from frame to frame, as in black or constant images.
 
     Raises
     ------
@@ -501,8 +523,19 @@ def plan(frames: Iterable[Frame], *, count: int = PLANNED) -> Plan:
     # Of most frames, as one may have been rendered twice.
     if np.median([repetitions(window) for window in shown]) > REPEATS:
         return _default(buffers, "frames have the noise of the frame before, and cannot judge")
+    if any(known_motion(*pair) is None for pair in pairwise(shown[0])):
+        return _default(buffers, UNMOVED)
+    # Brighter values than a display shows would have no weight.
+    bright = np.median([exposure(window.color) for each in shown for window in each])
+    if bright > _BRIGHT:
+        shown = [tuple(_dimmed(window, _BRIGHT / bright) for window in each) for each in shown]
     found = _Planning(shown, buffers, shape).plan()
     return _default(buffers, found) if isinstance(found, str) else found
+
+
+def _dimmed(frame: Frame, factor: float) -> Frame:
+    radiance = {name: getattr(frame, name) for name in ("color", "emission", "replay")}
+    return replace(frame, **{name: image * np.float32(factor) for name, image in radiance.items() if image is not None})
 
 
 def _default(buffers: tuple[str, ...], reason: str) -> Plan:
@@ -548,7 +581,7 @@ class _Planning:
         self.windows, self.given = windows, given
         #: Whether neither cameras nor anything else moves.
         self.rests = all(rests(*pair) for window in windows for pair in pairwise(window))
-        self.runs: dict[tuple[int, str], _Run] = {}
+        self.runs: dict[tuple[int, str, bool], _Run] = {}
         # Not timed: first runs are slower.
         self.run(0, _Trial("warm-up"))
         self.runs.clear()
@@ -619,28 +652,46 @@ class _Planning:
         result = []
         for trial in trials:
             parts = np.concatenate(found[trial.name], -1)
-            bound, loss, error = _bound([parts], trial.errors)
-            # Both halves must agree, so that a change of light in a single frame does not decide.
-            half = len(parts) // 2
-            halves = [_bound([span], min(trial.errors, 0))[0] for span in (parts[:half], parts[half:])]
-            useless = all(each <= trial.allowed for each in (bound, *halves))
-            # Where motion is wrong, results change so much that 5 % of the change is a clear loss.
-            useless &= trial.errors < 0 or loss <= 0
+            useless, loss, error = _decide(trial, parts)
+            if "albedo" in trial.without:
+                useless &= self.share(parts) > _MOST
+            if useless and trial.errors > 0:
+                # The next frame's light has moved on. A result that differs in its direction seems better, but not when
+                # time runs backwards, as the light then moves the other way.
+                useless, loss, error = _decide(trial, parts + self.backwards(base, trial))
             numbers = range(len(found[trial.name]))
             saved = sum(self.run(number, base).ms - self.run(number, trial).ms for number in numbers)
             ms = saved * self.scale * len(self.windows) / len(numbers)
             result.append(Stage(trial.name, not useless, loss, error, ms))
         return result
 
-    def run(self, number: int, trial: _Trial) -> _Run:
+    def share(self, parts: NDArray[np.float64]) -> float:
+        """The share of pixels that were compared, by the sums of all windows."""
+        return float(parts[:, 0, 1].sum()) / (len(parts) * sum(math.prod(window[0].shape) for window in self.windows))
+
+    def backwards(self, base: _Trial, trial: _Trial) -> NDArray[np.float64]:
+        """The sums for a trial of frames in reverse order, frame by frame as those of the usual order."""
+        parts = []
+        for number, window in enumerate(self.turned):
+            images, others = (self.run(number, each, backwards=True).images for each in (trial, base))
+            (part,) = sums([images], others, window, start=_START, untested=trial.without)
+            parts.append(part[::-1].reshape(*part.shape[:3], -1))
+        return np.concatenate(parts, -1)
+
+    @cached_property
+    def turned(self) -> list[list[Frame]]:
+        """The windows in reverse order."""
+        return [_reversed(window) for window in self.windows]
+
+    def run(self, number: int, trial: _Trial, *, backwards: bool = False) -> _Run:
         """The results of a trial in a window, computed once."""
-        key = number, trial.key
+        key = number, trial.key, backwards
         if key not in self.runs:
             svgf, images, spent = SVGF(**trial.options), [], []
             with warnings.catch_warnings():
                 # A window may show nothing but an object that moves by itself. The planned pipeline sees whole frames.
                 warnings.filterwarnings("ignore", "motion:", UserWarning)
-                for frame in self.windows[number]:
+                for frame in (self.turned if backwards else self.windows)[number]:
                     lacking = _lacking(frame, trial.without)
                     start = time.perf_counter()
                     output = svgf.step(lacking)
@@ -671,6 +722,27 @@ class _Planning:
         lengths = [self.run(number, trial).length for number in range(len(self.windows))]
         # By default, the longest history has 1 / alpha = 5 samples.
         return self.rests and float(np.mean(lengths)) >= _CONSTANT * min(len(self.windows[0]), 5)
+
+
+def _decide(trial: _Trial, parts: NDArray[np.float64]) -> tuple[bool, float, float]:
+    """Whether the sums show what a trial leaves out to be useless, the loss, and its standard error."""
+    bound, loss, error = _bound([parts], trial.errors)
+    # Both halves must agree, so that a change of light in a single frame does not decide.
+    half = len(parts) // 2
+    halves = [_bound([span], min(trial.errors, 0))[0] for span in (parts[:half], parts[half:])]
+    useless = all(each <= trial.allowed for each in (bound, *halves))
+    # Where motion is wrong, results change so much that 5 % of the change is a clear loss.
+    return useless and (trial.errors < 0 or loss <= 0), loss, error
+
+
+def _reversed(frames: Sequence[Frame]) -> list[Frame]:
+    """Frames in reverse order, each with the motion to the one that follows."""
+    known = []
+    for frame, following in pairwise(frames):
+        motion = frame.motion_next
+        motion = inverse_motion(following.motion, frame, following) if motion is None else motion
+        known.append(turned(replace(frame, motion_next=motion)))
+    return [turned(replace(frames[-1], motion_next=None)), *reversed(known)]
 
 
 def _bound(parts: list[NDArray[np.float64]], errors: float) -> tuple[float, float, float]:

@@ -16,9 +16,9 @@ from typing import Any, NamedTuple, Protocol, TypeVar, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from ._core import SVGF, TAA, History, Output, blend, invert_motion
+from ._core import SVGF, TAA, History, Output, blend
 from .frame import Frame, alike, turned
-from .judge import rests, still_motion
+from .judge import inverse_motion, rests
 from .plan import Planned, taken_apart
 
 __all__ = ["LOOKAHEAD", "denoise"]
@@ -199,8 +199,8 @@ def _knowing_next(frames: Iterable[Frame]) -> Iterator[Frame]:
             if before.motion_next is not None:
                 sound = _check_next(before, frame) if sound is None else sound
                 if frame.motion is None and sound:
-                    frame = replace(frame, motion=_inverse(before.motion_next, frame, before))
-            motion = _inverse(frame.motion, before, frame) if before.motion_next is None else before.motion_next
+                    frame = replace(frame, motion=inverse_motion(before.motion_next, frame, before))
+            motion = inverse_motion(frame.motion, before, frame) if before.motion_next is None else before.motion_next
             if motion is None and not warned:
                 warned = True
                 unknown = "frames without motion, and without cameras and depth or position to compute it from"
@@ -238,16 +238,6 @@ def _outside() -> int:
     while frame is not None and frame.f_code.co_filename == __file__:
         level, frame = level + 1, frame.f_back
     return level
-
-
-def _inverse(motion: NDArray[np.float32] | None, frame: Frame, other: Frame) -> NDArray[np.float32] | None:
-    """Motion from a frame to another one, by the motion that leads back, or by cameras; None if both are unknown."""
-    still = still_motion(frame, other.camera)
-    if motion is None:
-        return still
-    if still is not None:
-        still = still[..., : motion.shape[-1]]
-    return invert_motion(motion, other.depth, still=still)
 
 
 def _alone(frame: Frame) -> bool:
