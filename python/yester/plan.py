@@ -491,13 +491,13 @@ def plan(frames: Iterable[Frame], *, count: int = PLANNED) -> Plan:
     Examples
     --------
     >>> rng = np.random.default_rng(0)
-    >>> depth = np.full((16, 16), 2.0)
-    >>> frames = [yester.Frame(rng.gamma(1, 0.5, (16, 16, 3)), depth=depth) for _ in range(6)]
+    >>> known = {"depth": np.full((16, 16), 2.0), "motion": np.ones((16, 16, 2))}
+    >>> frames = [yester.Frame(rng.gamma(1, 0.5, (16, 16, 3)), **known) for _ in range(6)]
     >>> found = yester.plan(frames)
     >>> pipeline = found.pipeline()
     >>> images = [pipeline.step(frame).color for frame in frames]
     >>> found.buffers
-    ('color', 'depth')
+    ('color', 'depth', 'motion')
     """
     if not isinstance(count, Integral):
         raise TypeError(f"count: expected an integer, got {type(count).__name__}")
