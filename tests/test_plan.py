@@ -351,7 +351,7 @@ def test_no_file(tmp_path):
 
 
 def test_a_plan_for_other_buffers(moving):
-    """It is noticed in the first two frames; the first may lack buffers, such as motion, and so may later ones."""
+    """It is noticed in the second frame; the first may lack buffers, such as motion, and so may later ones."""
     found = yester.plan(moving)
     first, second = (yester.Frame(f.color, **{n: getattr(f, n) for n in ("albedo", "normal")}) for f in moving[:2])
     pipeline = found.pipeline()
@@ -360,13 +360,23 @@ def test_a_plan_for_other_buffers(moving):
         ValueError, match=r"frame: depth: expected the buffers of the plan, color, albedo, .* got color"
     ):
         pipeline.step(second)
-    lit = yester.Frame(**moving[0].buffers(), emission=np.zeros_like(first.color), camera=moving[0].camera)
+    pipeline.reset()
+    pipeline.step(moving[0])
     with pytest.raises(ValueError, match="frame: emission: expected the buffers of the plan"):
-        found.pipeline().step(lit)
+        pipeline.step(replace(moving[1], emission=np.zeros_like(first.color)))
     pipeline.reset()
     for frame in moving[:2]:
         pipeline.step(frame)
     assert np.isfinite(pipeline.step(replace(moving[2], normal=None)).color).all()
+
+
+@pytest.mark.parametrize("lacking", [(0,), (1,), (0, 1, 2, 3), (5, 6, 7)])
+def test_a_plan_is_for_its_own_frames(moving, lacking):
+    """Also if a buffer comes or goes among them."""
+    given = [replace(frame, ids=None) if number in lacking else frame for number, frame in enumerate(moving)]
+    found = yester.plan(given)
+    assert "ids" in {stage.name for stage in found.stages}
+    assert len([*yester.denoise(given, found.pipeline())]) == len([*map(found.pipeline().step, given)]) == len(given)
 
 
 @pytest.mark.parametrize("again", [copy.copy, copy.deepcopy, lambda one: pickle.loads(pickle.dumps(one))])

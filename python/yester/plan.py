@@ -131,7 +131,8 @@ class Plan:
     options : dict of str to value, default {}
         Parameters of `SVGF` that differ from the defaults.
     buffers : tuple of str, default ()
-        The buffers of the frames that were looked at, ``"camera"`` among them.
+        The buffers of the second of the frames that were looked at, ``"camera"`` among them: the first may lack motion,
+        and later ones may have others.
     without : tuple of str, default ()
         Those that the pipeline does not get.
     static : bool, default False
@@ -331,8 +332,8 @@ class Planned:
         Raises
         ------
         ValueError
-            If one of the sequence's first two frames has a buffer that the plan was not made for, or the second lacks
-            one that it was made for. As in `SVGF.step`.
+            If the sequence's second frame has a buffer that the plan was not made for, or lacks one that it was made
+            for. As in `SVGF.step`.
         """
         output = self._svgf.step(_planned(self.plan, frame, self._steps), out)
         self._steps += 1
@@ -362,15 +363,22 @@ def _planned(plan: Plan, frame: Frame, number: int) -> Frame:
     """The frame without the buffers that the plan leaves out; refused if it is of another sequence than the plan's."""
     if not isinstance(frame, Frame):
         raise TypeError(f"frame: expected a yester.Frame, got {type(frame).__name__}")
-    # Two frames tell whether the plan is for this sequence; a default that nothing was judged for fits all.
-    if plan.buffers and not plan.reason and number < 2:
-        given = _buffers(frame)
-        # The last frame has no motion to a next one.
-        absent = [name for name in plan.buffers if name not in (*given, "motion_next")] if number == 1 else []
-        if strange := [*absent, *(name for name in given if name not in plan.buffers)]:
-            expected, got = ", ".join(plan.buffers), ", ".join(given)
-            raise ValueError(f"frame: {strange[0]}: expected the buffers of the plan, {expected}, got {got}")
+    # The second frame tells whether the plan is for this sequence: the first may lack motion.
+    if number == 1 and (misfit := unsuited(plan, _buffers(frame))):
+        raise ValueError(f"frame: {misfit}")
     return _lacking(frame, plan.without)
+
+
+def unsuited(plan: Plan, given: Sequence[str]) -> str:
+    """Why a plan is not for a sequence whose second frame has the given buffers; empty if it is."""
+    # A default that nothing was judged for fits all.
+    if not plan.buffers or plan.reason:
+        return ""
+    # The last frame has no motion to a next one.
+    absent = [name for name in plan.buffers if name not in (*given, "motion_next")]
+    strange = [*absent, *(name for name in given if name not in plan.buffers)]
+    expected, got = ", ".join(plan.buffers), ", ".join(given)
+    return f"{strange[0]}: expected the buffers of the plan, {expected}, got {got}" if strange else ""
 
 
 def split_at_cuts(frames: Iterable[Frame]) -> Iterator[Iterator[Frame]]:
@@ -505,12 +513,14 @@ def plan(frames: Iterable[Frame], *, count: int = PLANNED) -> Plan:
         raise ValueError(f"count: expected at least {_FEWEST}, got {count}")
     shape: tuple[int, int] = (0, 0)
     given: dict[str, None] = {}
+    buffers: tuple[str, ...] = ()
     windows: list[list[Frame]] = []
     for frame in alike(islice(frames, count)):
         shape = frame.shape
         given.update(dict.fromkeys(_buffers(frame)))
+        if len(windows) < 2:
+            buffers = tuple(_buffers(frame))
         windows.append([_cropped(frame, *window) for window in _windows(*shape)])
-    buffers = tuple(given)
     if len(windows) < _FEWEST:
         return _default(buffers, f"expected at least {_FEWEST} frames to judge by, got {len(windows)}")
     if not {"depth", "normal", "ids"} & given.keys():
@@ -529,8 +539,8 @@ def plan(frames: Iterable[Frame], *, count: int = PLANNED) -> Plan:
     bright = np.median([exposure(window.color) for each in shown for window in each])
     if bright > _BRIGHT:
         shown = [tuple(_dimmed(window, _BRIGHT / bright) for window in each) for each in shown]
-    found = _Planning(shown, buffers, shape).plan()
-    return _default(buffers, found) if isinstance(found, str) else found
+    found = _Planning(shown, tuple(given), shape).plan()
+    return _default(buffers, found) if isinstance(found, str) else replace(found, buffers=buffers)
 
 
 def _dimmed(frame: Frame, factor: float) -> Frame:
