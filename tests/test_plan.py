@@ -7,12 +7,13 @@ from dataclasses import replace
 from itertools import chain
 
 import flight
+import layouts
 import numpy as np
 import pytest
 import yester
 from compare import assert_same_bits
 from test_cli import refused, run
-from yester.io import read_exr, write_exr
+from yester.io import describe, read_exr, write_exr
 from yester.judge import estimate, predictive_error, sums
 from yester.plan import _cropped, _windows
 from yester.study.rendered.recording import record
@@ -661,6 +662,43 @@ def test_commands_refuse(folder, tmp_path):
     assert "version: expected 1, got 7" in refused(
         "denoise", folder, "-o", tmp_path / "out", "--plan", tmp_path / "bad.toml"
     )
+
+
+@pytest.mark.slow
+def test_a_plan_for_other_files(still, tmp_path):
+    """The second file of every shot is compared before anything is written; later ones may lack a buffer."""
+    yester.Plan(buffers=("color", "albedo", "normal", "depth", "motion", "position", "camera", "ids")).save(
+        tmp_path / "plan.toml"
+    )
+    (tmp_path / "in").mkdir()
+    given = "denoise", tmp_path / "in", "-o", tmp_path / "out", "--plan", tmp_path / "plan.toml"
+    for shot in "ab":
+        for number in range(3):
+            bare = {"ids": None} if number == 2 else {}
+            write_exr(tmp_path / "in" / f"{shot}{number}.exr", replace(still[number], **bare))
+    run(*given)
+    assert len([*(tmp_path / "out").iterdir()]) == 6
+    second = tmp_path / "in" / "b1.exr"
+    for name, changes in (("ids", {"ids": None}), ("emission", {"emission": np.zeros_like(still[1].color)})):
+        write_exr(second, replace(still[1], **changes))
+        said = refused(*given[:3], tmp_path / "none", *given[4:])
+        assert f"{second}: {name}: expected the buffers of the plan, color, albedo," in said
+        assert not (tmp_path / "none").exists()
+
+
+@pytest.mark.slow
+def test_a_plan_of_buffers_that_pixels_deny(tmp_path):
+    """Blender's indices, if all are 0, are in the headers alone."""
+    frames = tmp_path / "frames"
+    frames.mkdir()
+    for number in range(1, 7):
+        shot = layouts.frame(number)
+        layouts.cycles(frames / f"{number}.exr", replace(shot, ids=0 * shot.ids), denoising=False, crypto=False)
+    run("plan", frames, "-o", tmp_path / "plan.toml")
+    found = yester.Plan.load(tmp_path / "plan.toml")
+    assert found.reason == ""
+    assert {*describe(frames / "2.exr").channels} - {*found.buffers} == {"ids"}
+    run("denoise", frames, "-o", tmp_path / "out", "--plan", tmp_path / "plan.toml")
 
 
 @pytest.mark.slow

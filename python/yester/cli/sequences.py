@@ -31,11 +31,11 @@ from .. import (
 )
 from ..argtypes import filename, whole
 from ..batch import Batch, Run
-from ..io import describe, headers, read_sequence
+from ..io import describe, headers, read_exr, read_sequence
 from ..io.exr import COMPRESSIONS, check_compression
 from ..io.shots import breaks
 from ..outputs import keep_inputs, spare, writable
-from ..plan import PLANNED
+from ..plan import PLANNED, unsuited
 from ..sequence import LOOKAHEAD
 from .parsing import Command, add_channels, add_files, files_of, how_to_read, need, parameter
 
@@ -115,6 +115,11 @@ def _denoise(options: argparse.Namespace) -> int:
     if options.plan and options.method:
         raise ValueError(f"--plan: expected no --method beside it, got {options.method}")
     pipeline = _pipeline(options)
+    loaded = Plan()
+    if options.plan:
+        loaded = pipeline.plan
+        # `look` has compared the buffers by then; behind a damaged frame, another one is the second.
+        pipeline = replace(loaded, buffers=()).pipeline()
     lookahead = LOOKAHEAD if options.lookahead is None else options.lookahead
     if options.method == "oidn":
         if options.lookahead:
@@ -129,6 +134,7 @@ def _denoise(options: argparse.Namespace) -> int:
         for known in chain(*shots) if options.method == "recirculation" else ():
             if not known.camera or not known.channels.keys() & {"depth", "position"}:
                 raise ValueError(f"{known.path}: expected a camera, and depth or position, for --method recirculation")
+        _check_plan(loaded, shots, how_to_read(options))
         if options.method == "oidn":  # has no history, so that only albedo and normals matter
             return headers.missing(shots, ("albedo", "normal"))
         return [*headers.unmoved(shots), *headers.missing(shots)]
@@ -153,6 +159,20 @@ def _denoise(options: argparse.Namespace) -> int:
 
     named = {"sparse": options.method in ("halfres", "recirculation"), "others": filter(None, [options.plan])}
     return _process(options, "denoise", run, look, **named)
+
+
+def _check_plan(loaded: Plan, shots: headers.Shots, reading: dict[str, Any]) -> None:
+    """Raise ValueError for a shot that a plan is not for; the second file tells, as in `Planned.step`."""
+
+    def misfit(buffers: Iterable[str], camera: Camera | None) -> str:
+        return unsuited(loaded, [*buffers, *(["camera"] if camera else [])])
+
+    for known in (shot[1] for shot in shots if len(shot) > 1):
+        if misfit(known.channels, known.camera):
+            # Pixels may tell that a buffer of the header is none, such as indices that are all 0.
+            frame = read_exr(known.path, **reading)
+            if found := misfit(frame.buffers(), frame.camera):
+                raise ValueError(f"{known.path}: {found}")
 
 
 def add_plan(command: Command) -> None:
