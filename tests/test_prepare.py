@@ -571,6 +571,20 @@ def test_a_first_frame_without_motion(tmp_path):
     assert made[0] == made[1]
 
 
+def test_a_single_frame_without_motion(tmp_path):
+    """It is a first frame, here behind a gap; it has what the first of several has."""
+    bare = replace(still(1)[0], motion=None)
+    write(tmp_path / "in" / "a", [bare, *still(3)[1:]])
+    write_exr(tmp_path / "in" / "a" / "frame_0009.exr", bare)
+    with pytest.warns(UserWarning, match="frame numbers jump"):
+        done = prepare(tmp_path / "in", tmp_path / "out", jobs=1)
+    assert (done.sequences, done.frames, done.set_aside) == (("a", "a-2"), 4, {})
+    assert {"motion", "history", "denoised"} <= {*done.buffers}
+    first, single = (tree(tmp_path / "out" / name / "data.zarr") for name in done.sequences)
+    chunks = [f"full/{name}/c.0.0.0.0" for name in done.buffers]  # absent where all is 0
+    assert [single.get(name) for name in chunks] == [first.get(name) for name in chunks]
+
+
 @pytest.mark.slow
 def test_what_is_stored(inputs, tmp_path):
     """Zarr, EXR, crops, half size and float16 hold the same images."""

@@ -431,8 +431,10 @@ def _left_out(tasks: list[_Task], parameters: Parameters, first: str) -> str:
 
 def _check(source: Source, known: Known, parameters: Parameters, demand: str) -> None:
     """Raise `Damaged` if a sequence lacks something."""
+    # Nothing leads from the first frame, here the only one, to an earlier one.
+    names = {*known.buffers, "motion"} if known.frames == 1 else known.buffers
     for name in parameters.buffers:
-        if lacks := needs(name, known.buffers):
+        if lacks := needs(name, names):
             raise Damaged(f"{source.files[0]}: {lacks}, but {demand}")
     for _ in parameters.groups(source.name, known):
         pass
