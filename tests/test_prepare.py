@@ -351,6 +351,20 @@ def test_parts_of_a_folder_do_not_take_the_name_of_another_folder(tmp_path):
     assert not aside
 
 
+def test_no_sequence_is_also_set_aside(tmp_path):
+    """What cannot be used beside a folder of its name has another name, and the others go on."""
+    for name in ("s", "s-1"):
+        write(tmp_path / "in" / "shots" / name, still(2))
+        (tmp_path / "in" / "shots" / f"{name}.zip").write_bytes(b"an archive of the folder")
+        (tmp_path / "in" / "shots" / f"{name}.ZIP").write_bytes(b"another one")
+    done = prepare(tmp_path / "in", tmp_path / "out", jobs=1)
+    assert done.sequences == ("shots/s", "shots/s-1")
+    assert [*done.set_aside] == ["shots/s-1-1", "shots/s-1-1-1"]
+    told = [message.partition(": ")[0] for messages in done.set_aside.values() for message in messages]
+    assert sorted(told) == sorted(str(path) for path in (tmp_path / "in" / "shots").iterdir() if path.is_file())
+    assert prepare(tmp_path / "in", tmp_path / "out", jobs=1, resume=True) == done
+
+
 def frames_in_stores(folder: Path, names: list[str]) -> None:
     """Stores of single frames; the frame is of no account."""
     noisebase.single_frames(folder, frames=1)

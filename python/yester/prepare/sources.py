@@ -253,7 +253,8 @@ def find_sequences(
         In natural order, no two of the same name. Where a folder has a sequence, and others in its folders, the name of
         the first one ends in ``-1``. So does that of a part of a folder whose numbers jump, if another folder has it.
     set_aside : dict of str to list of str
-        Sequences that cannot be used, and folders that cannot be read, and why.
+        Sequences that cannot be used, and folders that cannot be read, and why. Names that sequences have end in
+        ``-1``, such as that of a damaged zip file beside a folder.
 
     Raises
     ------
@@ -300,6 +301,11 @@ def find_sequences(
             both = f"{seen[name].files[0]} and {source.files[0]}"
             raise ValueError(f"two sequences would have the name {name}: {both}; prepare them into two folders")
         seen[name] = replace(source, name=name)
+    for name in [name for name in aside if name in seen]:
+        messages = aside.pop(name)
+        while name in seen or name in aside:
+            name += "-1"
+        aside[name] = messages
     of: dict[Path, str] = {}
     for name, source in seen.items():
         for path in source.references:
@@ -345,7 +351,7 @@ def _shots(
             continue
         clean = tuple(Path(references) / path.relative_to(root) for path in source.files)
         if absent := [path for path in clean if not path.is_file()]:
-            aside[source.name] = [f"{few(absent)}: no such reference"]
+            aside.setdefault(source.name, []).append(f"{few(absent)}: no such reference")
         else:
             yield replace(source, references=clean)
 
@@ -359,7 +365,7 @@ def _stores(paths: list[Path], name: str, aside: dict[str, list[str]], *, inside
         try:
             single = layout(path).single
         except (OSError, ValueError) as error:
-            aside[own] = [told(error)]
+            aside.setdefault(own, []).append(told(error))
             damaged = path.name
             continue
         if single:
