@@ -68,6 +68,8 @@ _NOTHING = 1e-8
 LARGEST = 1e18
 #: The name of the stage that gives new samples more weight than old ones.
 _FORGETTING = "forgetting"
+#: The other stages that are judged: on by default, parameters of `SVGF` turn them off.
+_STAGES = ("choice", "gradient", "innovation", "reflections")
 #: Mean history length, relative to the longest, above which the light counts as constant.
 _CONSTANT = 0.9
 
@@ -168,11 +170,12 @@ class Plan:
 
     def __str__(self) -> str:
         """A table with a line for each stage: use, evidence with its standard error, and milliseconds of a frame."""
+        left = self._left_out()
         width = max((len(stage.name) for stage in self.stages), default=0)
         lines = [self.summary()]
         for stage in self.stages:
             lines.append(
-                f"{stage.name:<{width}}  {'used' if stage.used else 'left out':<8}  "
+                f"{stage.name:<{width}}  {'left out' if stage.name in left else 'used':<8}  "
                 f"{100 * stage.loss:+7.1f} % ± {100 * stage.error:5.1f} %  {stage.ms:8.2f} ms"
             )
         return "\n".join(lines)
@@ -183,18 +186,28 @@ class Plan:
         Returns
         -------
         str
-            The stages and buffers that are left out, or why the plan is the default.
+            The buffers and stages that the pipeline does without, and other options; or why the plan is the default.
 
         Examples
         --------
         >>> yester.Plan().summary()
         'the default: nothing is superfluous'
+        >>> yester.Plan(options={"choice": False, "iterations": 2}, without=("ids",)).summary()
+        'without ids, choice; iterations = 2'
         """
-        if self.reason:
-            return f"the default: {self.reason}"
-        left = [stage.name for stage in self.stages if not stage.used]
-        what = f"without {', '.join(left)}" if left else "the default: nothing is superfluous"
-        return f"{what}; static: all samples are averaged" if self.static else what
+        parts = [f"without {', '.join(left)}"] if (left := self._left_out()) else []
+        if _FORGETTING in left:
+            parts.append("all samples are averaged while nothing moves")
+        others = {name: value for name, value in self.options.items() if name not in (*left, "average_still")}
+        parts += [f"{name} = {value}" for name, value in others.items()]
+        if not parts:
+            return f"the default: {self.reason or 'nothing is superfluous'}"
+        return "; ".join([*parts, *([f"not judged: {self.reason}"] if self.reason else [])])
+
+    def _left_out(self) -> list[str]:
+        """The buffers and stages that the pipeline does without, whatever the evidence."""
+        stages = [name for name in _STAGES if not self.options.get(name, True)]
+        return [*self.without, *stages, *([_FORGETTING] if self.options.get("average_still") else [])]
 
     def pipeline(self) -> Planned:
         """Make the pipeline.
