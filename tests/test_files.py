@@ -361,6 +361,26 @@ def test_a_plan_names_the_file_without_albedo(tmp_path, capsys):
     assert capsys.readouterr().err.endswith(f"{folder / 'a5.exr'}: no albedo, but {folder / 'a1.exr'} has albedo\n")
 
 
+def test_albedo_in_one_of_two_shots(tmp_path, capsys):
+    """Each shot has a history of its own, in which either all frames have it or none has."""
+    albedo = np.full((12, 16, 3), 0.5)
+    folder = short(tmp_path / "in", "a1", "a2", "b1", "b2")
+    for name in ("a1", "a2"):
+        frame = io.read_exr(folder / f"{name}.exr")
+        io.write_exr(folder / f"{name}.exr", yester.Frame(**frame.buffers(), albedo=albedo))
+    run("denoise", folder, "-o", tmp_path / "out", "--method", "svgf", "--lookahead", 0)
+    for shot in "ab":
+        svgf = yester.SVGF()
+        for number in (1, 2):
+            want = svgf.step(io.read_exr(folder / f"{shot}{number}.exr")).color
+            assert_same_bits(io.read_exr(tmp_path / "out" / f"{shot}{number}.exr").color, want)
+    io.write_exr(folder / "b2.exr", yester.Frame(noise(12, 16).color, albedo=albedo, **STILL))
+    capsys.readouterr()
+    run("denoise", folder, "-o", tmp_path / "none", code=2)
+    assert capsys.readouterr().err.endswith(f"{folder / 'b1.exr'}: no albedo, but {folder / 'b2.exr'} has albedo\n")
+    assert not (tmp_path / "none").exists()
+
+
 def test_options_of_storage(tmp_path):
     layouts.pbrt(tmp_path / "a.exr", layouts.frame(1))  # in half floats
     for given, kind, compression in (

@@ -69,6 +69,9 @@ class Batch:
         self._targets = targets_of(self._paths, output)
         self._breaks = breaks(self._paths)
         self.shots = [range(*ends) for ends in pairwise([0, *sorted(self._breaks), len(self._paths)])]
+        for shot in self.shots:
+            for index in shot:
+                same_albedo(self.files[index], self.files[shot.start])
         self._reading, self._keep_going, self._tell = reading, keep_going, tell
         self._there: set[int] = set()
         #: The results that this run may replace.
@@ -181,7 +184,6 @@ def _headers(paths: list[Path], reading: dict[str, Any], *, keep_going: bool) ->
             continue
         files.append(known)
         suit(known, files[0])
-        same_albedo(known, files[0])
     if damaged and not (keep_going and files):
         others = ""
         if len(damaged) > 1:
