@@ -623,6 +623,15 @@ def test_plans_of_several_shots_name_them(shots, tmp_path, capsys):
     assert [line[: len(start)] for line, start in zip(plans, starts, strict=True)] == starts
 
 
+def test_a_plan_behind_a_damaged_frame_names_its_first_file(tmp_path, capsys):
+    frames = short(tmp_path / "in", color=np.ones((12, 16, 3)))
+    damaged = frames / "a2.exr"
+    damaged.write_bytes(damaged.read_bytes()[:-16] + bytes(16))
+    run("denoise", frames, "-o", tmp_path / "out", "--keep-going", code=1)
+    plans = [line.partition(": ")[0] for line in capsys.readouterr().err.splitlines() if line.startswith("plan")]
+    assert plans == ["plan", f"plan from {frames / 'a3.exr'} on"]
+
+
 def test_consequences_are_those_of_what_is_there(tmp_path):
     for buffers, depth, normal in (
         ({}, "are not detected, which leaves ghosts", "creases are not detected"),

@@ -31,7 +31,7 @@ from .outputs import keep_inputs, spare, targets_of, writable
 from .plan import LARGEST
 
 #: Makes results of the frames of a shot, in order, each with the names of the buffers that it used. If there are
-#: several shots, the text says which one it is: `` from FILE on``.
+#: several shots, or behind a damaged frame, the text says which one it is: `` from FILE on``.
 Run: TypeAlias = Callable[[Iterator[Frame], str], Iterable[tuple[Frame, Iterable[str]]]]
 
 _Plates: TypeAlias = Iterator[Plate | Exception]
@@ -144,7 +144,8 @@ class Batch:
                 held: _Held = deque()
                 frames = self._frames(shot, chain([first], coming), plates, held)
                 if (frame := next(frames, None)) is not None:
-                    where = f" from {self._paths[first]} on" if len(self.shots) > 1 else ""
+                    several = len(self.shots) > 1 or first > shot.start
+                    where = f" from {self._paths[first]} on" if several else ""
                     for result, used in run(chain([frame], frames), where):
                         self._used.update(dict.fromkeys(used))
                         index, plate = held.popleft()
