@@ -152,8 +152,7 @@ def _denoise(options: argparse.Namespace) -> int:
             found = _planned(first)
             after = f"{where}, behind a cut after {done} frames" if done else where
             tqdm.write(f"plan{after}: {found.summary()}", file=sys.stderr)
-            # It is for these very frames, of which some may lack a buffer that others have.
-            for output in denoise(chain(first, shot), replace(found, buffers=()).pipeline(), lookahead):
+            for output in denoise(chain(first, shot), found.pipeline(), lookahead):
                 yield output
                 done += 1
 
