@@ -808,10 +808,12 @@ class SVGF:
             if later is not None:
                 variance = variance * np.minimum(longest / length, np.float32(1))
 
-        if averages and later is None and "albedo" in self.still_guides and (self.still[2] >= 16).all():
+        settles = averages and "albedo" in self.still_guides and self.still_frames >= 16
+        young = (kept[2] < 16) & (frame.color > 0).any(-1)
+        if settles and later is None and 64 * young.sum() <= young.size:
             self.history, self.mirrored = kept, None
             self.expects_replay, self.before = self.before is None or frame.replay is not None, frame
-            final, variance = self.settle(np.zeros_like(color), frame, motion)
+            final, variance = self.settle(np.zeros_like(color), frame, motion, alone=True)
             return SimpleNamespace(
                 color=blacken(final),
                 variance=variance,
@@ -932,7 +934,9 @@ class SVGF:
         found, self.lag = yester.innovation(samples, known, length, target=old, **asks)
         return catch_up(old, color, compared, found)
 
-    def settle(self, shown: NDArray, frame: yester.Frame, motion: NDArray) -> tuple[NDArray, NDArray | None]:
+    def settle(
+        self, shown: NDArray, frame: yester.Frame, motion: NDArray, *, alone: bool = False
+    ) -> tuple[NDArray, NDArray | None]:
         """What is shown of a still frame, and its variance: the filtered mean of all samples, if there are enough."""
         mean, moments, number = self.still
         bright = yester.exposure(mean)
@@ -958,7 +962,7 @@ class SVGF:
         passes |= {"history_length": number, "relative_noise": np.inf, "tap_exposure": brighter}
         light, variance = yester.atrous(light, deviation * deviation, **guide, **passes)
         light = yester.remodulate(light, **texture, emission=emission)
-        share = np.clip((number - np.float32(8)) / np.float32(8), 0, 1)
+        share = np.ones_like(number) if alone else np.clip((number - np.float32(8)) / np.float32(8), 0, 1)
         share = np.where(np.isfinite(light[..., 0] + light[..., 1] + light[..., 2]), share, np.float32(0))
         light = np.where(np.isfinite(light), light, np.float32(0))
         shown = shown + share[..., None] * (light - shown)

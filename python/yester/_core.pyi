@@ -669,11 +669,11 @@ class SVGF(Pipeline):
         Average all samples, as with ``alpha=0, moments_alpha=0``, in frames in which nothing moves: the camera is that
         of the frame before, and the motion, without which only cameras tell, at most 0.001 pixels. For constant light.
         With `choice` and albedo, the mean of all samples, filtered by the mean of the guides (`atrous`), then replaces
-        the result, beginning with eight samples and wholly from 16 on. Once every pixel has 16, the stages from
-        `choice` to the output stage, whose result would be replaced, are left out, and the variance is that of the
-        filtered mean. With `choice`, the result is mixed with the unfiltered mean (`converge`), which follows changes
-        of light by `innovation`, and the noise that `gradient` ignores grows with the square root of the frames, from
-        ten frames on and up to four times.
+        the result, beginning with eight samples and wholly from 16 on. Once all but one in 64 pixels have 16 or are black,
+        all show the mean, and the stages from `choice` to the output stage, whose result it replaces, are left out; the
+        variance is then that of the filtered mean. With `choice`, the result is mixed with the unfiltered mean
+        (`converge`), which follows changes of light by `innovation`, and the noise that `gradient` ignores grows with the
+        square root of the frames, from ten frames on and up to four times.
     coherence : bool, default True
         Let depth alone validate history and guide the filter where normals and ids change from pixel to pixel and from
         frame to frame, as in grass and fur (`incoherent_guides`). Ids then only tell apart surfaces whose albedo is a
@@ -3230,12 +3230,13 @@ def repetition(
     Notes
     -----
     With y the luminance of `color` and p that of `previous`, fetched along the motion, ``ρ = (y - p) / (|y| + |p|)``,
-    and ``δ = ρ(x) - ρ(x + 1)`` leaves out slow changes of light. Detail that moves with its surface cancels in ρ;
-    independent noise makes δ of consecutive frames correlate by 0 to -½. Noise that sticks to the screen correlates by
-    ``C = corr(δ, δ')``, with δ' of the frame before. Where nothing moves, ρ of repeated noise is 0: S is the share of
-    pairs of which y(x) is that of `previous` and ``|ε|`` is above 1/10, with
+    and ``δ = ρ(x) - ρ(x + 1)`` leaves out slow changes of light. Detail that moves with its surface cancels in ρ. Noise
+    that sticks to the screen correlates by ``C = min(corr(δ, δ'), corr(δᵥ, δᵥ'))``, with δ' of the frame before and
+    ``δᵥ = ρ(x) - ρ(x↓)``, ↓ the row below. Independent noise makes these correlate by 0 to -½, or by ¼ where it has
+    moved by one pixel along the difference, which it cannot do for both. Where nothing moves, ρ of repeated noise is 0:
+    S is the share of pairs of which y(x) is that of `previous` and ``|ε|`` is above 1/10, with
     ``ε = (y(x) - y(x + 1)) / (|y(x)| + |y(x + 1)|)``. Textures and mirrors repeat as well, but their rows resemble one
-    another: ``V = corr(δ, δ↓)`` and ``W = corr(ε, ε↓)``, with ↓ the row below. The repetition is
+    another: ``V = corr(δ, δ↓)`` and ``W = corr(ε, ε↓)``. The repetition is
     ``max(0, C - max(V, 0), S - max(W, 0))``, with ``corr(a, b) = Σ a b / max(√(Σ a² Σ b²), n / 100)`` over n pairs:
     deviations below a tenth are no noise that matters.
 

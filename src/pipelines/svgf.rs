@@ -338,7 +338,7 @@ fn run(
     };
     let mut still = (now.averages).then(|| Still::add(still, &now, recalled.as_ref()));
     if let (Some(settled), Task::Show(shown, None)) = (&mut still, &mut task)
-        && settled.is_settled()
+        && settled.is_settled(now.frame.color, reports.history_length)
     {
         show_settled(&now, settled, shown);
         return Left {
@@ -429,8 +429,7 @@ fn run(
 /// Shows the filtered mean of all samples alone: no filter, choice, innovation or output stage for what it would replace. The
 /// output stage keeps its history, as nothing has moved.
 fn show_settled(now: &Current, still: &mut Still, shown: &mut Shown) {
-    shown.color.fill(0.0);
-    let variance = still.show(now, shown.color).expect("albedo is known");
+    let variance = still.show_alone(now, shown.color);
     shown.variance.copy_from_slice(variance.plane(0));
     if let Some(levels) = &mut shown.choice {
         levels.fill(now.params.atrous.iterations as f32);

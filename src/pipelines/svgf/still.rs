@@ -6,8 +6,10 @@
 //! the mean itself; the innovation corrects it, by a stricter test than elsewhere, as noise that is added to it stays.
 //!
 //! The filtered mean replaces the usual result from N = 8 to 16 on, with the share (N − 8)/8, and is then mixed with the
-//! unfiltered mean ([`converge`]). Without albedo, where texture looks like noise, the usual result is mixed instead. Once all
-//! pixels have 16 samples, the usual result is no longer made ([`Still::is_settled`]).
+//! unfiltered mean ([`converge`]). Without albedo, where texture looks like noise, the usual result is mixed instead.
+//!
+//! Once nearly all pixels have 16 samples, the usual result is not made ([`Still::is_settled`]). The few whose light has changed,
+//! or seemed to, show the filtered mean as well: neighbours of more samples steady it.
 
 use std::array;
 use std::ops::Range;
@@ -44,6 +46,10 @@ const BRIGHTER: f32 = 16.0;
 
 /// Samples from which the filtered mean begins to be shown, and over which its share grows.
 const FEWEST: f32 = 8.0;
+
+/// One in so many pixels may have fewer than twice as many samples when nothing else is shown. In renders at rest, up to one in
+/// 80 has after 20 frames, as rare samples look like a change of light.
+const SETTLED: usize = 64;
 
 /// What goes from one such frame to the next.
 pub struct Still {
@@ -113,16 +119,30 @@ impl Still {
         }
     }
 
-    /// Whether the filtered mean is all that is shown.
-    pub fn is_settled(&self) -> bool {
-        let [_, _, number] = parts(&self.mean);
-        let (records, step) = number.elements();
-        let mut numbers = records.iter().step_by(step);
-        self.guides[0].is_some() && numbers.all(|&number| number >= 2.0 * FEWEST)
+    /// Whether nothing but the filtered mean is to be shown, by the lengths of history. Black samples do not count: what spreads to
+    /// them of coarse corrections ends their history, and is next to nothing.
+    pub fn is_settled(&self, samples: Pixels, lengths: &[f32]) -> bool {
+        let young = lengths.iter().enumerate().filter(|&(pixel, &length)| {
+            length < 2.0 * FEWEST && samples.vector(pixel).iter().any(|&light| light > 0.0)
+        });
+        self.guides[0].is_some()
+            && self.frames as f32 >= 2.0 * FEWEST
+            && young.count() * SETTLED <= lengths.len()
     }
 
-    /// Replaces what is shown by the filtered mean, as far as it has enough samples. Returns the variance of its luminance.
-    pub fn show(&mut self, now: &Current, shown: &mut [f32]) -> Option<Image> {
+    /// Shows the filtered mean alone. Returns the variance of its luminance.
+    pub fn show_alone(&mut self, now: &Current, shown: &mut [f32]) -> Image {
+        shown.fill(0.0);
+        self.show_from(now, shown, 0.0).expect("albedo is known")
+    }
+
+    /// Replaces what is shown by the filtered mean, as far as it has enough samples.
+    pub fn show(&mut self, now: &Current, shown: &mut [f32]) {
+        self.show_from(now, shown, FEWEST);
+    }
+
+    /// Replaces what is shown from so many samples on. Returns the variance of the filtered mean, which needs albedo.
+    fn show_from(&mut self, now: &Current, shown: &mut [f32], fewest: f32) -> Option<Image> {
         let size = now.size();
         let bright = exposure(self.mean.pixels().part(0..3));
         if now.params.history.innovation.is_some() && self.frames > 1 {
@@ -187,6 +207,7 @@ impl Still {
             light: filtered.pixels(),
             texture,
             number,
+            fewest,
         };
         let rows = shown.chunks_mut(BAND * 3 * size.width);
         rows::run(&settle, size.height, rows);
@@ -329,6 +350,8 @@ struct Settle<'a> {
     light: Pixels<'a>,
     texture: Texture<'a>,
     number: Pixels<'a>,
+    /// Samples up to which nothing of it is shown; 0 to show it alone.
+    fewest: f32,
 }
 
 impl<'a> Kernel for Settle<'a> {
@@ -347,7 +370,10 @@ impl<'a> Kernel for Settle<'a> {
                 self.number.load(run, 0, &mut number[..run.len]);
                 for (x, pixel) in shown[run.x..][..run.len].iter_mut().enumerate() {
                     let color = light.each_ref().map(|row| row[x]);
-                    let share = saturate((number[x] - FEWEST) / FEWEST);
+                    let share = match self.fewest {
+                        0.0 => 1.0,
+                        fewest => saturate((number[x] - fewest) / fewest),
+                    };
                     if (color[0] + color[1] + color[2]).is_finite() {
                         for (value, color) in pixel.iter_mut().zip(color) {
                             *value += share * (color - *value);
