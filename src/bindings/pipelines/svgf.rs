@@ -111,11 +111,11 @@ use crate::pipelines::{history, svgf, taa};
 ///     Average all samples, as with ``alpha=0, moments_alpha=0``, in frames in which nothing moves: the camera is that
 ///     of the frame before, and the motion, without which only cameras tell, at most 0.001 pixels. For constant light.
 ///     With `choice` and albedo, the mean of all samples, filtered by the mean of the guides (`atrous`), then replaces
-///     the result, beginning with eight samples and wholly from 16 on. Once all but one in 64 pixels have 16 or are black,
-///     all show the mean, and the stages from `choice` to the output stage, whose result it replaces, are left out; the
-///     variance is then that of the filtered mean. With `choice`, the result is mixed with the unfiltered mean
-///     (`converge`), which follows changes of light by `innovation`, and the noise that `gradient` ignores grows with the
-///     square root of the frames, from ten frames on and up to four times.
+///     the result, beginning with eight samples and wholly from 16 on. Once all but one in 64 pixels have 16 or are
+///     black, all show the mean, and the stages from `choice` to the output stage, whose result it replaces, are left
+///     out; the variance is then that of the filtered mean. With `choice`, the result is mixed with the unfiltered mean
+///     (`converge`), which follows changes of light by `innovation`, and the noise that `gradient` ignores grows with
+///     the square root of the frames, from ten frames on and up to four times.
 /// coherence : bool, default True
 ///     Let depth alone validate history and guide the filter where normals and ids change from pixel to pixel and from
 ///     frame to frame, as in grass and fur (`incoherent_guides`). Ids then only tell apart surfaces whose albedo is a
