@@ -7,7 +7,7 @@ from statistics import mean
 
 import pytest
 from yester.study import pages
-from yester.study.compare import ablation, harm
+from yester.study.compare import ablation, harm, judging
 from yester.study.compare.doors import FULL
 from yester.study.rendered.sequences import FRESH, LATE, NAMES
 
@@ -240,6 +240,11 @@ def test_exceptions_are_the_cases_that_are_made_good(monkeypatch):
     monkeypatch.setattr(harm, "EXCEPTIONS", {})
     found = ablation.harms(pages._effects(DATA / "ablation.csv"))
     assert {(effect.name, effect.case) for effect, _, made_good in found if made_good} == listed
+
+
+def test_every_component_of_svgf_is_judged():
+    lines = (DATA / "plans.txt").read_text("utf-8").splitlines()
+    assert {part.component for part in judging.PARTS} <= {line.split("  ")[0] for line in lines}
 
 
 def test_readme_is_short():
