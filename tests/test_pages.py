@@ -242,8 +242,9 @@ def test_exceptions_are_the_cases_that_are_made_good(monkeypatch):
     assert {(effect.name, effect.case) for effect, _, made_good in found if made_good} == listed
 
 
-def test_every_component_of_svgf_is_judged():
-    lines = (DATA / "plans.txt").read_text("utf-8").splitlines()
+@pytest.mark.parametrize("name", ["plans", "stein"])
+def test_every_component_of_svgf_is_judged(name):
+    lines = (DATA / f"{name}.txt").read_text("utf-8").splitlines()
     assert {part.component for part in judging.PARTS} <= {line.split("  ")[0] for line in lines}
 
 
