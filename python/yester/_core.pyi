@@ -2693,6 +2693,7 @@ def innovation(
     levels: int = 6,
     fed_back: bool = True,
     sparse: bool = False,
+    target: ArrayLike | None = None,
     out: tuple[_Floats | None, _Floats | None] | None = None,
 ) -> tuple[_Floats, _Floats]:
     """Estimate the error of a prediction from new samples.
