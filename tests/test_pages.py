@@ -242,7 +242,7 @@ def test_exceptions_are_the_cases_that_are_made_good(monkeypatch):
     assert {(effect.name, effect.case) for effect, _, made_good in found if made_good} == listed
 
 
-@pytest.mark.parametrize("name", ["plans", "stein"])
+@pytest.mark.parametrize("name", ["plans", "stein", "halves"])
 def test_every_component_of_svgf_is_judged(name):
     lines = (DATA / f"{name}.txt").read_text("utf-8").splitlines()
     assert {part.component for part in judging.PARTS} <= {line.split("  ")[0] for line in lines}
