@@ -15,7 +15,7 @@ from compare import assert_same_bits
 from test_cli import refused, run
 from yester.io import describe, read_exr, write_exr
 from yester.judge import estimate, predictive_error, sums
-from yester.plan import _cropped, _windows
+from yester.plan import _cropped, _reversed, _windows
 from yester.study.rendered.recording import record
 
 SIZE = 96, 64
@@ -262,6 +262,17 @@ def test_nothing_is_judged_without_motion(still):
         assert not found.static
         assert not found.without
         assert found.reason.startswith("no motion")
+
+
+def test_time_runs_backwards(moving):
+    """With the inverse motion, which cameras go on telling if they do: a trial may be without them."""
+    turned = _reversed(moving)
+    assert [frame.motion is None for frame in turned] == [True] + 7 * [False]
+    for frame, before in zip(turned[1:], moving[-2::-1], strict=True):
+        assert_same_bits(frame.color, before.color)
+    inside = np.isfinite(turned[1].motion).all(-1) & np.isfinite(moving[-1].motion).all(-1)
+    assert np.median((turned[1].motion + moving[-1].motion)[inside][:, :2]) == pytest.approx(0, abs=0.1)
+    assert all(frame.motion is None for frame in _reversed([replace(frame, motion=None) for frame in moving]))
 
 
 @pytest.mark.parametrize("factor", [2.0**-4, 2.0**8, 2.0**40])

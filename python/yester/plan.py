@@ -759,11 +759,13 @@ def _decide(trial: _Trial, parts: NDArray[np.float64]) -> tuple[bool, float, flo
 
 
 def _reversed(frames: Sequence[Frame]) -> list[Frame]:
-    """Frames in reverse order, each with the motion to the one that follows."""
+    """Frames in reverse order, with the motion that then leads to the frame before."""
     known = []
     for frame, following in pairwise(frames):
         motion = frame.motion_next
-        motion = inverse_motion(following.motion, frame, following) if motion is None else motion
+        # Without motion, cameras tell it, as they do forwards; a trial may be without them.
+        if motion is None and following.motion is not None:
+            motion = inverse_motion(following.motion, frame, following)
         known.append(turned(replace(frame, motion_next=motion)))
     return [turned(replace(frames[-1], motion_next=None)), *reversed(known)]
 

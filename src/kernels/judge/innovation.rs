@@ -20,9 +20,9 @@
 //! where ⟨·⟩ is a blur by {1, 2, 1}/4 ⊗ {1, 2, 1}/4 with borders replicated, ⟨·⟩² that of a variance, by the squares of
 //! these weights, and d is upsampled bilinearly from level to level. s is James and Stein's shrinkage factor: 0 for a
 //! mean no larger than chance makes it, nearly 1 for one many times that. The correction is d (max(p, 0) + e/16), with
-//! the pixel's own p, or that of another image of the same light which is corrected instead. If the correction is fed back into the history from which the next prediction is made, the
-//! evidence passed on is the rest, E − d at the finest level, with its V; otherwise it is E, because the next
-//! prediction will have the same error.
+//! the pixel's own p; if another image of the same light is corrected instead, with that image's value. If the
+//! correction is fed back into the history from which the next prediction is made, the evidence passed on is the rest,
+//! E − d at the finest level, with its V; otherwise it is E, because the next prediction will have the same error.
 //!
 //! A single bright sample among many has |b|² no larger than its own variance, in its frame and the following ones, and
 //! is not believed (James and Stein 1961, *Estimation with Quadratic Loss*; shrinkage by scales as in Donoho and
