@@ -382,7 +382,17 @@ impl<'py, T: Number> Input<'py, T> {
         })
     }
 
-    /// An optional argument that must have the size of an earlier one.
+    /// An argument that must have the size of an earlier one.
+    pub fn of_size(
+        value: &Bound<'py, PyAny>,
+        name: &str,
+        channels: Channels,
+        size: Size,
+    ) -> PyResult<Self> {
+        Self::new(value, name, channels)?.sized(name, size)
+    }
+
+    /// The same for an optional argument.
     pub fn optional(
         value: Option<&Bound<'py, PyAny>>,
         name: &str,
@@ -390,7 +400,7 @@ impl<'py, T: Number> Input<'py, T> {
         size: Size,
     ) -> PyResult<Option<Self>> {
         value
-            .map(|value| Self::new(value, name, channels)?.sized(name, size))
+            .map(|value| Self::of_size(value, name, channels, size))
             .transpose()
     }
 
@@ -398,15 +408,13 @@ impl<'py, T: Number> Input<'py, T> {
         if self.size == size {
             return Ok(self);
         }
-        let Size { height, width } = size;
         let advice = match *self.array.shape() {
-            [_, h, w] if (h, w) == (height, width) => {
+            [_, h, w] if (h, w) == (size.height, size.width) => {
                 ": channels come last; pass numpy.moveaxis(x, 0, -1)"
             }
             _ => "",
         };
-        let expected = format!("height {height} and width {width}");
-        Err(Error::value(name, expected, shape_text(self.array.shape()) + advice).into())
+        Err(Error::value(name, size, shape_text(self.array.shape()) + advice).into())
     }
 
     pub fn size(&self) -> Size {

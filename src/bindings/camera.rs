@@ -668,8 +668,7 @@ pub fn virtual_motion_<'py>(
         for (name, camera) in [("camera", camera), ("previous_camera", previous_camera)] {
             check_size(name, camera, size)?;
         }
-        let distance = Input::<f32>::new(hit_distance, "hit_distance", Channels::One)?
-            .sized("hit_distance", size)?;
+        let distance = Input::<f32>::of_size(hit_distance, "hit_distance", Channels::One, size)?;
         let shape = [size.height, size.width, 2];
         let out = Out::given(out, &shape)?;
         let distance = distance.pixels();
@@ -736,9 +735,8 @@ pub fn depth_change_<'py>(
 ) -> PyResult<f32> {
     let depth = Input::<f32>::new(depth, "depth", Channels::One)?;
     let size = depth.size();
-    let previous = Input::<f32>::new(previous_depth, "previous_depth", Channels::One)?
-        .sized("previous_depth", size)?;
-    let motion = Input::<f32>::new(motion, "motion", MOTION)?.sized("motion", size)?;
+    let previous = Input::<f32>::of_size(previous_depth, "previous_depth", Channels::One, size)?;
+    let motion = Input::<f32>::of_size(motion, "motion", MOTION, size)?;
     let (depth, previous, motion) = (depth.pixels(), previous.pixels(), motion.pixels());
     detached(py, || depth_change(depth, previous, motion))
 }
@@ -937,9 +935,8 @@ fn size(width: i128, height: i128) -> crate::error::Result<Size> {
 
 /// Checks that a camera has the size of the image it comes with.
 pub fn check_size(name: &str, camera: &Camera, size: Size) -> PyResult<()> {
-    let text = |Size { height, width }: Size| format!("height {height} and width {width}");
     match camera.inner.size == size {
         true => Ok(()),
-        false => Err(Error::value(name, text(size), text(camera.inner.size)).into()),
+        false => Err(Error::value(name, size, camera.inner.size).into()),
     }
 }

@@ -95,11 +95,9 @@ pub fn choice_<'py>(
     let (chosen, carried) = {
         let motion = Input::<f32>::new(motion, "motion", MOTION)?;
         let size = motion.size();
-        let coverage = Input::<f32>::new(coverage, "coverage", Channels::One)?;
-        let coverage = coverage.sized("coverage", size)?;
+        let coverage = Input::<f32>::of_size(coverage, "coverage", Channels::One, size)?;
         let tiles = choice::tiles(size);
-        let evidence = Input::<f32>::new(evidence, "evidence", Channels::Any)?;
-        let evidence = evidence.sized("evidence", tiles)?;
+        let evidence = Input::<f32>::of_size(evidence, "evidence", Channels::Any, tiles)?;
         let numbers = evidence.pixels().channels;
         if numbers < 4 || !numbers.is_multiple_of(2) {
             let got = format!("{numbers} channels");
@@ -198,8 +196,7 @@ pub fn compare_candidates<'py>(
     let after = {
         let color = Input::<f32>::new(color, "color", COLOR)?;
         let size = color.size();
-        let candidates = Input::<f32>::new(candidates, "candidates", Channels::Any)?;
-        let candidates = candidates.sized("candidates", size)?;
+        let candidates = Input::<f32>::of_size(candidates, "candidates", Channels::Any, size)?;
         let count = candidates.channels();
         if count < 2 {
             let got = format!("{count} channels");
@@ -387,11 +384,9 @@ pub fn collocation_shares<'py>(
     let (shares, carried) = {
         let motion = Input::<f32>::new(motion, "motion", MOTION)?;
         let size = motion.size();
-        let coverage = Input::<f32>::new(coverage, "coverage", Channels::One)?;
-        let coverage = coverage.sized("coverage", size)?;
+        let coverage = Input::<f32>::of_size(coverage, "coverage", Channels::One, size)?;
         let tiles = choice::tiles(size);
-        let evidence = Input::<f32>::new(evidence, "evidence", EVIDENCE)?;
-        let evidence = evidence.sized("evidence", tiles)?;
+        let evidence = Input::<f32>::of_size(evidence, "evidence", EVIDENCE, tiles)?;
         let [first, second] = parts(out.as_ref())?;
         let shapes = [collocation::SHARES, collocation::CHANNELS]
             .map(|channels| [tiles.height, tiles.width, channels]);
@@ -482,8 +477,8 @@ pub fn repetition_<'py>(
     let found = {
         let color = Input::<f32>::new(color, "color", COLOR)?;
         let size = color.size();
-        let previous = Input::<f32>::new(previous, "previous", COLOR)?.sized("previous", size)?;
-        let motion = Input::<f32>::new(motion, "motion", MOTION)?.sized("motion", size)?;
+        let previous = Input::<f32>::of_size(previous, "previous", COLOR, size)?;
+        let motion = Input::<f32>::of_size(motion, "motion", MOTION, size)?;
         let rows = repetition::looked_at(size);
         let deviation = Input::<f32>::optional(deviation, "deviation", Channels::One, rows)?;
         let shape = [rows.height, rows.width];
@@ -566,9 +561,8 @@ pub fn prediction_gain<'py>(
     let gain = {
         let color = Input::<f32>::new(color, "color", COLOR)?;
         let size = color.size();
-        let candidate =
-            Input::<f32>::new(candidate, "candidate", COLOR)?.sized("candidate", size)?;
-        let base = Input::<f32>::new(base, "base", COLOR)?.sized("base", size)?;
+        let candidate = Input::<f32>::of_size(candidate, "candidate", COLOR, size)?;
+        let base = Input::<f32>::of_size(base, "base", COLOR, size)?;
         let ids = Input::<u32>::optional(ids, "ids", Channels::One, size)?;
         let shape = [size.height, size.width];
         let out = Out::given(out, &shape)?;

@@ -172,9 +172,7 @@ pub fn reproject_<'py>(
         let images: Vec<_> = images
             .iter()
             .enumerate()
-            .map(|(i, image)| {
-                Input::<f32>::new(image, &named(i), Channels::Any)?.sized(&named(i), motion.size())
-            })
+            .map(|(i, image)| Input::<f32>::of_size(image, &named(i), Channels::Any, motion.size()))
             .collect::<PyResult<_>>()?;
         let surface = SurfaceArgs::new(
             &motion,

@@ -273,14 +273,10 @@ fn check_fits(grid: Grid, low: Size) -> PyResult<()> {
     if low == expected {
         return Ok(());
     }
-    let text = |Size { height, width }: Size| format!("height {height} and width {width}");
     let Grid { full, scale, .. } = grid;
-    let expected = format!(
-        "{}, a sample for each block of {scale}x{scale} of the full {}",
-        text(expected),
-        text(full)
-    );
-    Err(Error::value("color", expected, text(low)).into())
+    let expected =
+        format!("{expected}, a sample for each block of {scale}x{scale} of the full {full}");
+    Err(Error::value("color", expected, low).into())
 }
 
 /// Guide of the samples, if it differs from the full guide at their pixels.

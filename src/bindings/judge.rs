@@ -204,7 +204,7 @@ pub fn clip_history_<'py>(
     params.check()?;
     let clipped = {
         let history = Input::<f32>::new(history, "history", COLOR)?;
-        let color = Input::<f32>::new(color, "color", COLOR)?.sized("color", history.size())?;
+        let color = Input::<f32>::of_size(color, "color", COLOR, history.size())?;
         let alpha = alpha
             .map(|alpha| AlphaArg::new(alpha, history.size()))
             .transpose()?;
@@ -322,7 +322,7 @@ pub fn light_change_<'py>(
 ) -> PyResult<f32> {
     let color = Input::<f32>::new(color, "color", COLOR)?;
     let size = color.size();
-    let history = Input::<f32>::new(history, "history", COLOR)?.sized("history", size)?;
+    let history = Input::<f32>::of_size(history, "history", COLOR, size)?;
     let coverage = Input::<f32>::optional(coverage, "coverage", Channels::One, size)?;
     let coverage = coverage.as_ref().map(|coverage| coverage.pixels().plane());
     let (color, history) = (color.pixels(), history.pixels());
@@ -469,8 +469,8 @@ pub fn anti_lag_<'py>(
     let shortened = {
         let length = Input::<f32>::new(history_length, "history_length", Channels::One)?;
         let size = length.size();
-        let history = Input::<f32>::new(history, "history", COLOR)?.sized("history", size)?;
-        let clipped = Input::<f32>::new(clipped, "clipped", COLOR)?.sized("clipped", size)?;
+        let history = Input::<f32>::of_size(history, "history", COLOR, size)?;
+        let clipped = Input::<f32>::of_size(clipped, "clipped", COLOR, size)?;
         let out = Out::given(out, length.shape())?;
         let [old, new] = [history.pixels(), clipped.pixels()];
         let lengths = length.pixels().plane();
@@ -639,7 +639,7 @@ pub fn temporal_gradient<'py>(
     let gradient = {
         let color = Input::<f32>::new(color, "color", COLOR)?;
         let size = color.size();
-        let previous = Input::<f32>::new(previous, "previous", COLOR)?.sized("previous", size)?;
+        let previous = Input::<f32>::of_size(previous, "previous", COLOR, size)?;
         let shape = [size.height, size.width];
         let out = Out::given(out, &shape)?;
         let [color, previous] = [color.pixels(), previous.pixels()];
@@ -768,10 +768,8 @@ pub fn innovation_<'py>(
     let (correction, left) = {
         let color = Input::<f32>::new(color, "color", COLOR)?;
         let size = color.size();
-        let prediction =
-            Input::<f32>::new(prediction, "prediction", COLOR)?.sized("prediction", size)?;
-        let length = Input::<f32>::new(history_length, "history_length", Channels::One)?;
-        let length = length.sized("history_length", size)?;
+        let prediction = Input::<f32>::of_size(prediction, "prediction", COLOR, size)?;
+        let length = Input::<f32>::of_size(history_length, "history_length", Channels::One, size)?;
         let small = innovation::evidence_size(size);
         let channels = Channels::Of(&[innovation::CHANNELS]);
         let evidence = Input::<f32>::optional(evidence, "evidence", channels, small)?;

@@ -64,8 +64,7 @@ impl Accumulated {
         let color = Input::<f32>::new(color, "color", COLOR)?;
         let size = color.size();
         let input = |value, name, channels| {
-            let input = Input::<f32>::new(value, name, channels)?.sized(name, size)?;
-            Ok::<_, PyErr>(input.array().unbind())
+            Input::<f32>::of_size(value, name, channels, size).map(|input| input.array().unbind())
         };
         Ok(Self {
             color: color.array().unbind(),
@@ -200,11 +199,9 @@ pub fn accumulate_<'py>(
     let ([color, moments, length], missing) = {
         let color = Input::<f32>::new(color, "color", COLOR)?;
         let size = color.size();
-        let history = Input::<f32>::new(history, "history", COLOR)?.sized("history", size)?;
-        let moments = Input::<f32>::new(history_moments, "history_moments", MOMENTS)?
-            .sized("history_moments", size)?;
-        let length = Input::<f32>::new(history_length, "history_length", Channels::One)?
-            .sized("history_length", size)?;
+        let history = Input::<f32>::of_size(history, "history", COLOR, size)?;
+        let moments = Input::<f32>::of_size(history_moments, "history_moments", MOMENTS, size)?;
+        let length = Input::<f32>::of_size(history_length, "history_length", Channels::One, size)?;
         let weight = Input::<f32>::optional(weight, "weight", Channels::One, size)?;
         let gradient = Input::<f32>::optional(gradient, "gradient", Channels::One, size)?;
         let confidence = Input::<f32>::optional(confidence, "confidence", Channels::One, size)?;
@@ -339,8 +336,7 @@ pub fn combine_histories<'py>(
     let [color, moments, length] = {
         let color = Input::<f32>::new(color, "color", COLOR)?;
         let size = color.size();
-        let input =
-            |value, name, channels| Input::<f32>::new(value, name, channels)?.sized(name, size);
+        let input = |value, name, channels| Input::<f32>::of_size(value, name, channels, size);
         let first = [
             color,
             input(moments, "moments", MOMENTS)?,
@@ -463,8 +459,7 @@ pub fn converge_<'py>(
     let shown = {
         let color = Input::<f32>::new(color, "color", COLOR)?;
         let size = color.size();
-        let input =
-            |value, name, channels| Input::<f32>::new(value, name, channels)?.sized(name, size);
+        let input = |value, name, channels| Input::<f32>::of_size(value, name, channels, size);
         let history = [
             input(mean, "mean", COLOR)?,
             input(moments, "moments", MOMENTS)?,
@@ -666,7 +661,7 @@ pub fn blend_<'py>(
     let blended = {
         let color = Input::<f32>::new(color, "color", COLOR)?;
         let size = color.size();
-        let history = Input::<f32>::new(history, "history", COLOR)?.sized("history", size)?;
+        let history = Input::<f32>::of_size(history, "history", COLOR, size)?;
         let alpha = match alpha {
             None => AlphaArg::Constant(0.05),
             Some(alpha) => AlphaArg::new(alpha, size)?,
@@ -700,10 +695,7 @@ impl<'py> AlphaArg<'py> {
                 blend::check_alpha(share)?;
                 Ok(Self::Constant(share))
             }
-            None => {
-                let map = Input::new(alpha, "alpha", Channels::One)?;
-                Ok(Self::Map(map.sized("alpha", size)?))
-            }
+            None => Input::of_size(alpha, "alpha", Channels::One, size).map(Self::Map),
         }
     }
 

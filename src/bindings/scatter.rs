@@ -112,7 +112,7 @@ pub fn splat_<'py>(
     let [color, depth, offset, quality] = {
         let depth = Input::<f32>::new(depth, "depth", Channels::One)?;
         let size = depth.size();
-        let color = Input::<f32>::new(color, "color", Channels::Any)?.sized("color", size)?;
+        let color = Input::<f32>::of_size(color, "color", Channels::Any, size)?;
         for (name, camera) in [("camera", camera), ("previous_camera", previous_camera)] {
             check_size(name, camera, size)?;
         }
@@ -339,8 +339,7 @@ pub fn recirculate_<'py>(
     let [color, quality] = {
         let filled = Input::<f32>::new(filled, "filled", COLOR)?;
         let size = filled.size();
-        let sized =
-            |value, name, channels| Input::<f32>::new(value, name, channels)?.sized(name, size);
+        let sized = |value, name, channels| Input::<f32>::of_size(value, name, channels, size);
         let filled_quality = sized(filled_quality, "filled_quality", Channels::One)?;
         let reprojected = sized(reprojected, "reprojected", COLOR)?;
         let reprojected_quality = sized(reprojected_quality, "reprojected_quality", Channels::One)?;

@@ -141,8 +141,7 @@ pub fn estimate_variance_<'py>(
     let variance = {
         let moments = Input::<f32>::new(moments, "moments", Channels::Of(&[2]))?;
         let size = moments.size();
-        let length = Input::<f32>::new(history_length, "history_length", Channels::One)?
-            .sized("history_length", size)?;
+        let length = Input::<f32>::of_size(history_length, "history_length", Channels::One, size)?;
         let guide = GuideArgs::new(size, depth, normal, ids)?;
         let shape = [size.height, size.width];
         let out = Out::given(out, &shape)?;
@@ -226,9 +225,8 @@ pub fn restore_detail_<'py>(
     let restored = {
         let smooth = Input::<f32>::new(smooth, "smooth", COLOR)?;
         let size = smooth.size();
-        let noisy = Input::<f32>::new(noisy, "noisy", COLOR)?.sized("noisy", size)?;
-        let variance =
-            Input::<f32>::new(variance, "variance", Channels::One)?.sized("variance", size)?;
+        let noisy = Input::<f32>::of_size(noisy, "noisy", COLOR, size)?;
+        let variance = Input::<f32>::of_size(variance, "variance", Channels::One, size)?;
         let out = Out::given(out, smooth.shape())?;
         let [coarse, fine] = [smooth.pixels(), noisy.pixels()];
         let variance = variance.pixels().plane();
@@ -388,8 +386,7 @@ pub fn atrous_<'py>(
     let filtered = {
         let color = Input::<f32>::new(color, "color", COLOR)?;
         let size = color.size();
-        let variance =
-            Input::<f32>::new(variance, "variance", Channels::One)?.sized("variance", size)?;
+        let variance = Input::<f32>::of_size(variance, "variance", Channels::One, size)?;
         let prediction = Input::<f32>::optional(prediction, "prediction", Channels::One, size)?;
         if let Some(exposure) = tap_exposure {
             in_range("tap_exposure", exposure, "a number above 0", |v| v > 0.0)?;
@@ -661,8 +658,7 @@ pub fn fix_history_<'py>(
     let (fixed, out) = {
         let color = Input::<f32>::new(color, "color", COLOR)?;
         let size = color.size();
-        let length = Input::<f32>::new(history_length, "history_length", Channels::One)?
-            .sized("history_length", size)?;
+        let length = Input::<f32>::of_size(history_length, "history_length", Channels::One, size)?;
         let guide = GuideArgs::new(size, depth, normal, ids)?;
         let out = Out::given(out, color.shape())?;
         let (color, length, guide) = (color.pixels(), length.pixels().plane(), guide.surface());
@@ -692,12 +688,11 @@ fn modulate<'py>(
 ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
     let modulated = {
         let image = Input::<f32>::new(image, name, COLOR)?;
-        let albedo = Input::<f32>::new(albedo, "albedo", COLOR)?.sized("albedo", image.size())?;
+        let albedo = Input::<f32>::of_size(albedo, "albedo", COLOR, image.size())?;
         let emission = Input::<f32>::optional(emission, "emission", COLOR, image.size())?;
         let mask = r#where
             .map(|mask| {
-                Input::<u8>::new(&bytes(mask, "where")?, "where", Channels::One)?
-                    .sized("where", image.size())
+                Input::<u8>::of_size(&bytes(mask, "where")?, "where", Channels::One, image.size())
             })
             .transpose()?;
         let out = Out::given(out, image.shape())?;

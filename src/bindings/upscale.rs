@@ -191,7 +191,7 @@ pub fn disocclusion_<'py>(
     let share = {
         let depth = Input::<f32>::new(depth, "depth", Channels::One)?;
         let size = depth.size();
-        let motion = Input::<f32>::new(motion, "motion", MOTION)?.sized("motion", size)?;
+        let motion = Input::<f32>::of_size(motion, "motion", MOTION, size)?;
         let out = Out::given(out, depth.shape())?;
         let (depths, motions) = (depth.pixels().plane(), motion.pixels());
         out.fill(py, depth.shape(), |share| {

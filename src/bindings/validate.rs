@@ -7,7 +7,7 @@ use pyo3::prelude::*;
 use super::arrays::{COLOR, Channels, Direct, Input, MOTION, Number, Out, detached, needs, parts};
 use super::camera::{Camera, check_size};
 use crate::error::Error;
-use crate::image::{Interleaved, Pixels, plane_bands};
+use crate::image::{Interleaved, Pixels, Size, plane_bands};
 use crate::kernels::camera::pinhole;
 use crate::kernels::fetch::claims::claims;
 use crate::kernels::fetch::validate::{self, Surface, Tests, Threshold};
@@ -86,27 +86,14 @@ impl<'py> SurfaceArgs<'py> {
             check_size("previous_camera", camera, size)?;
             check_plane_test(depth[0].is_some(), normal[0].is_some(), motion.channels())?;
         }
-        let vectors =
-            |v: &Bound<'py, PyAny>, name: &str| Input::new(v, name, COLOR)?.sized(name, size);
-        let previous_motion = previous_motion
-            .map(|v| {
-                Input::<f32>::new(v, "previous_motion", MOTION)?.sized("previous_motion", size)
-            })
-            .transpose()?;
+        let previous_motion = Input::optional(previous_motion, "previous_motion", MOTION, size)?;
+        let (one, three) = ((Channels::One, size), (COLOR, size));
         Ok(Self {
-            depth: pair(depth, ["depth", "previous_depth"], |v, name| {
-                Input::new(v, name, Channels::One)?.sized(name, size)
-            })?,
-            normal: pair(normal, ["normal", "previous_normal"], vectors)?,
-            object_normal: pair(
-                object_normal,
-                ["object_normal", "previous_object_normal"],
-                vectors,
-            )?,
-            color: pair(color, ["color", "previous_color"], vectors)?,
-            ids: pair(ids, ["ids", "previous_ids"], |v, name| {
-                Input::new(v, name, Channels::One)?.sized(name, size)
-            })?,
+            depth: pair(depth, "depth", one)?,
+            normal: pair(normal, "normal", three)?,
+            object_normal: pair(object_normal, "object_normal", three)?,
+            color: pair(color, "color", three)?,
+            ids: pair(ids, "ids", one)?,
             previous_motion,
             camera: camera.map(|camera| camera.inner),
             params,
@@ -135,16 +122,20 @@ impl<'py> SurfaceArgs<'py> {
 }
 
 /// Checks that a buffer was given for both frames or for neither.
-fn pair<'py, T>(
+fn pair<'py, T: Number>(
     args: [Arg<'_, 'py>; 2],
-    names: [&str; 2],
-    check: impl Fn(&Bound<'py, PyAny>, &str) -> PyResult<T>,
-) -> PyResult<Pair<T>> {
+    name: &str,
+    (channels, size): (Channels, Size),
+) -> PyResult<Pair<Input<'py, T>>> {
+    let previous = &format!("previous_{name}");
     match args {
-        [Some(now), Some(before)] => Ok(Some([check(now, names[0])?, check(before, names[1])?])),
+        [Some(now), Some(before)] => Ok(Some([
+            Input::of_size(now, name, channels, size)?,
+            Input::of_size(before, previous, channels, size)?,
+        ])),
         [None, None] => Ok(None),
-        [Some(_), None] => Err(needs(names[0], names[1])),
-        [None, Some(_)] => Err(needs(names[1], names[0])),
+        [Some(_), None] => Err(needs(name, previous)),
+        [None, Some(_)] => Err(needs(previous, name)),
     }
 }
 

@@ -127,7 +127,7 @@ impl<'py> FrameArgs<'py> {
             return self.step(py, out, pipeline);
         };
         let size = self.size();
-        let samples = Input::<f32>::new(samples, "samples", COLOR)?.sized("samples", size)?;
+        let samples = Input::<f32>::of_size(samples, "samples", COLOR, size)?;
         let confidence = Input::<f32>::optional(confidence, "confidence", Channels::One, size)?;
         let mut room = Room::new(py, out, size, pipeline.extras())?;
         let output = room.data()?;

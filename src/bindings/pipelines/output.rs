@@ -375,16 +375,15 @@ impl History {
         let color = Input::<f32>::new(color, "color", COLOR)?;
         let size = color.size();
         let input = |value, name, channels| {
-            let input = Input::<f32>::new(value, name, channels)?.sized(name, size)?;
-            Ok::<_, PyErr>(input.array().unbind())
+            Input::<f32>::of_size(value, name, channels, size).map(|input| input.array().unbind())
         };
-        let rejection = Input::<u8>::new(rejection, "rejection", Channels::One)?;
+        let rejection = Input::<u8>::of_size(rejection, "rejection", Channels::One, size)?;
         Ok(Self {
             color: color.array().unbind(),
             moments: input(moments, "moments", MOMENTS)?,
             history_length: input(history_length, "history_length", Channels::One)?,
             confidence: input(confidence, "confidence", Channels::One)?,
-            rejection: rejection.sized("rejection", size)?.array().unbind(),
+            rejection: rejection.array().unbind(),
             motion: (motion.map(|motion| input(motion, "motion", Channels::Of(&[2]))))
                 .transpose()?,
             used: PyTuple::new(py, used)?.unbind(),
@@ -431,15 +430,14 @@ impl<'py> HistoryArgs<'py> {
     pub(super) fn new(later: &Bound<'py, History>, size: Size) -> PyResult<Self> {
         let (py, history) = (later.py(), later.get());
         let input = |array: &Py<PyArrayDyn<f32>>, channels| {
-            Input::<f32>::new(array.bind(py), "later", channels)?.sized("later", size)
+            Input::<f32>::of_size(array.bind(py), "later", channels, size)
         };
-        let rejection = Input::<u8>::new(history.rejection.bind(py), "later", Channels::One)?;
         Ok(Self {
             color: input(&history.color, COLOR)?,
             moments: input(&history.moments, MOMENTS)?,
             length: input(&history.history_length, Channels::One)?,
             confidence: input(&history.confidence, Channels::One)?,
-            rejection: rejection.sized("later", size)?,
+            rejection: Input::of_size(history.rejection.bind(py), "later", Channels::One, size)?,
         })
     }
 
