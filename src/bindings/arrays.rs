@@ -14,7 +14,7 @@ use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 
 use crate::error::Error;
-use crate::image::{Image, Pixels, Size, Value};
+use crate::image::{Pixels, Size, Value};
 use crate::memory::OutOfMemory;
 use crate::rows::Settings;
 
@@ -449,32 +449,6 @@ fn shape_text(shape: &[usize]) -> String {
     )
 }
 
-/// A result to be returned as a numpy array.
-pub struct Outgoing<T: Value = f32> {
-    image: Image<T>,
-    shape: Vec<usize>,
-}
-
-impl<T: Element + Value> Outgoing<T> {
-    /// Returned as (H, W) for a single channel, (H, W, C) for several.
-    pub fn new(image: Image<T>) -> Self {
-        let Size { height, width } = image.size;
-        let channels = (image.channels > 1).then_some(image.channels);
-        let shape = [height, width].into_iter().chain(channels).collect();
-        Self { image, shape }
-    }
-
-    /// Writes into the caller's `out` array, or into a new one.
-    pub fn array<'py>(
-        self,
-        py: Python<'py>,
-        out: Out<'py, T>,
-    ) -> PyResult<Bound<'py, PyArrayDyn<T>>> {
-        out.fill(py, &self.shape, |data| self.image.view().interleave(data))?
-            .array()
-    }
-}
-
 /// The caller's `out` array, if any.
 pub struct Out<'py, T: Element = f32>(Option<Bound<'py, PyArrayDyn<T>>>);
 
@@ -616,6 +590,31 @@ pub fn parts<'py, const N: usize>(
         .try_into()
         .map_err(|parts: Vec<_>| wrong(format!("{} parts", parts.len())))?;
     Ok(parts.map(|part| (!part.is_none()).then_some(part)))
+}
+
+/// Lets `write` fill the arrays of a function with several results, those of the caller's `out` tuple or new ones, while the
+/// inputs are borrowed.
+pub fn fill_parts<'py, const N: usize>(
+    py: Python<'py>,
+    out: Option<&Bound<'py, PyAny>>,
+    shapes: [&[usize]; N],
+    write: impl FnOnce([&mut [f32]; N]) + Send,
+) -> PyResult<[Direct<'py>; N]> {
+    let given = parts::<N>(out)?.into_iter().zip(shapes);
+    // Check all of them before writing any.
+    let given: Vec<_> = given
+        .map(|(part, shape)| Ok((Out::given(part, shape)?, shape)))
+        .collect::<PyResult<_>>()?;
+    let mut results: Vec<_> = given
+        .into_iter()
+        .map(|(out, shape)| Direct::new(py, out, shape))
+        .collect::<PyResult<_>>()?;
+    let data: Vec<_> = (results.iter_mut())
+        .map(Direct::data)
+        .collect::<PyResult<_>>()?;
+    let data = data.try_into().expect("as many as shapes");
+    detached(py, || write(data))?;
+    Ok(results.try_into().ok().expect("as many as shapes"))
 }
 
 /// Parses the name of a mode; the error lists the valid names.

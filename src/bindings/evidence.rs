@@ -4,7 +4,7 @@
 use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 
-use super::arrays::{COLOR, Channels, Direct, Input, MOTION, Out, detached, parts};
+use super::arrays::{COLOR, Channels, Input, MOTION, Out, fill_parts};
 use crate::error::{Error, from_0_to_1, whole};
 use crate::image::{Interleaved, plane_bands};
 use crate::kernels::judge::{choice, collocation, exposure, prediction, repetition};
@@ -92,7 +92,7 @@ pub fn choice_<'py>(
         share,
     };
     params.check()?;
-    let (chosen, carried) = {
+    let [chosen, carried] = {
         let motion = Input::<f32>::new(motion, "motion", MOTION)?;
         let size = motion.size();
         let coverage = Input::<f32>::of_size(coverage, "coverage", Channels::One, size)?;
@@ -106,24 +106,15 @@ pub fn choice_<'py>(
         let last = numbers / 2 - 1;
         let expected = format!("a candidate, 0 to {last}");
         let usual = whole("usual", usual, &expected, |&n: &usize| n <= last)?;
-        let [first, second] = parts(out.as_ref())?;
-        let shapes = [tiles.height, tiles.width, numbers];
-        let out = (
-            Out::given(first, &shapes[..2])?,
-            Out::given(second, &shapes)?,
-        );
-        let mut chosen = Direct::new(py, out.0, &shapes[..2])?;
-        let mut carried = Direct::new(py, out.1, &shapes)?;
-        let images = [&evidence, &motion, &coverage].map(|input| input.pixels());
-        let (plane, records) = (chosen.data()?, carried.data()?);
-        detached(py, || {
-            let [evidence, motion, coverage] = images;
+        let shape = [tiles.height, tiles.width, numbers];
+        let shapes = [&shape[..2], &shape];
+        let [evidence, motion, coverage] = [&evidence, &motion, &coverage].map(Input::pixels);
+        fill_parts(py, out.as_ref(), shapes, |[chosen, carried]| {
             let coverage = coverage.plane();
             let (best, rest) = choice::choice(evidence, motion, coverage, usual, params);
-            plane.copy_from_slice(best.plane(0));
-            records.copy_from_slice(rest.pixels().elements().0);
-        })?;
-        (chosen, carried)
+            chosen.copy_from_slice(best.plane(0));
+            carried.copy_from_slice(rest.pixels().elements().0);
+        })?
     };
     Ok((chosen.array()?, carried.array()?))
 }
@@ -381,30 +372,21 @@ pub fn collocation_shares<'py>(
     out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<(Bound<'py, PyArrayDyn<f32>>, Bound<'py, PyArrayDyn<f32>>)> {
     from_0_to_1("share", share)?;
-    let (shares, carried) = {
+    let [shares, carried] = {
         let motion = Input::<f32>::new(motion, "motion", MOTION)?;
         let size = motion.size();
         let coverage = Input::<f32>::of_size(coverage, "coverage", Channels::One, size)?;
         let tiles = choice::tiles(size);
         let evidence = Input::<f32>::of_size(evidence, "evidence", EVIDENCE, tiles)?;
-        let [first, second] = parts(out.as_ref())?;
         let shapes = [collocation::SHARES, collocation::CHANNELS]
             .map(|channels| [tiles.height, tiles.width, channels]);
-        let out = (
-            Out::given(first, &shapes[0])?,
-            Out::given(second, &shapes[1])?,
-        );
-        let mut shares = Direct::new(py, out.0, &shapes[0])?;
-        let mut carried = Direct::new(py, out.1, &shapes[1])?;
-        let images = [&evidence, &motion, &coverage].map(|input| input.pixels());
-        let (found, records) = (shares.data()?, carried.data()?);
-        detached(py, || {
-            let [evidence, motion, coverage] = images;
-            let (shares, rest) = collocation::shares(evidence, motion, coverage.plane(), share);
-            shares.view().interleave(found);
-            records.copy_from_slice(rest.pixels().elements().0);
-        })?;
-        (shares, carried)
+        let shapes = shapes.each_ref().map(|shape| &shape[..]);
+        let [evidence, motion, coverage] = [&evidence, &motion, &coverage].map(Input::pixels);
+        fill_parts(py, out.as_ref(), shapes, |[shares, carried]| {
+            let (found, rest) = collocation::shares(evidence, motion, coverage.plane(), share);
+            found.view().interleave(shares);
+            carried.copy_from_slice(rest.pixels().elements().0);
+        })?
     };
     Ok((shares.array()?, carried.array()?))
 }

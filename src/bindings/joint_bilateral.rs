@@ -3,7 +3,7 @@
 use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 
-use super::arrays::{COLOR, Channels, Input, Out, Outgoing, detached, needs, vector};
+use super::arrays::{COLOR, Channels, Input, Out, needs, vector};
 use super::smooth::GuideArgs;
 use crate::error::Error;
 use crate::image::{Image, Pixels, Size};
@@ -96,19 +96,20 @@ pub fn reconstruct_<'py>(
         },
     };
     params.check()?;
-    let (filled, out) = {
+    let filled = {
         let color = Input::<f32>::new(color, "color", COLOR)?;
         let size = color.size();
         let guide = GuideArgs::new(size, depth, normal, ids)?;
-        let out = Out::given(out, color.shape())?;
+        let shape = color.shape();
+        let out = Out::given(out, shape)?;
         let (color, guide) = (color.pixels(), guide.surface());
-        let filled = detached(py, || {
+        out.fill(py, shape, |filled| {
             let guide = Guide::new(size, params.radius, guide, None);
-            Outgoing::new(reconstruct(color, &guide, params))
-        })?;
-        (filled, out)
+            let image = reconstruct(color, &guide, params);
+            image.view().interleave(filled);
+        })?
     };
-    filled.array(py, out)
+    filled.array()
 }
 
 /// Upsample a low-resolution image along the edges of full-resolution buffers.
@@ -225,7 +226,7 @@ pub fn joint_bilateral_upsample_<'py>(
             return Err(needs(&format!("low_{name}"), name));
         }
     }
-    let (upsampled, out) = {
+    let upsampled = {
         let color = Input::<f32>::new(color, "color", COLOR)?;
         let full = match (depth, normal, ids) {
             (Some(depth), _, _) => Input::<f32>::new(depth, "depth", Channels::One)?.size(),
@@ -248,7 +249,8 @@ pub fn joint_bilateral_upsample_<'py>(
         let depth = Input::<f32>::optional(low_depth, "low_depth", Channels::One, size)?;
         let normal = Input::<f32>::optional(low_normal, "low_normal", COLOR, size)?;
         let ids = Input::<u32>::optional(low_ids, "low_ids", Channels::One, size)?;
-        let out = Out::given(out, &[full.height, full.width, 3])?;
+        let shape = [full.height, full.width, 3];
+        let out = Out::given(out, &shape)?;
         let (color, guide) = (color.pixels(), guide.surface());
         let low = Surface {
             depth: depth.as_ref().map(Input::pixels),
@@ -256,16 +258,16 @@ pub fn joint_bilateral_upsample_<'py>(
             ids: ids.as_ref().map(Input::pixels),
             ..Default::default()
         };
-        let upsampled = detached(py, || {
+        out.fill(py, &shape, |upsampled| {
             let reach = params.radius * scale;
             let shown = shown(low, guide, grid, reach);
             let guide = Guide::new(full, reach, guide, None);
             let guides = [&guide, shown.as_ref().unwrap_or(&guide)];
-            Outgoing::new(joint_bilateral_upsample(color, grid, guides, params))
-        })?;
-        (upsampled, out)
+            let image = joint_bilateral_upsample(color, grid, guides, params);
+            image.view().interleave(upsampled);
+        })?
     };
-    upsampled.array(py, out)
+    upsampled.array()
 }
 
 fn check_fits(grid: Grid, low: Size) -> PyResult<()> {

@@ -3,7 +3,7 @@
 use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 
-use super::arrays::{COLOR, Channels, Direct, Input, MOTION, Out, choice, detached, parts};
+use super::arrays::{COLOR, Channels, Input, MOTION, Out, choice, detached, fill_parts};
 use super::merge::AlphaArg;
 use crate::error::{Error, finite_from_0};
 use crate::image::Run;
@@ -765,7 +765,7 @@ pub fn innovation_<'py>(
     };
     params.check()?;
     exposure::check(exposure)?;
-    let (correction, left) = {
+    let [correction, left] = {
         let color = Input::<f32>::new(color, "color", COLOR)?;
         let size = color.size();
         let prediction = Input::<f32>::of_size(prediction, "prediction", COLOR, size)?;
@@ -775,12 +775,8 @@ pub fn innovation_<'py>(
         let evidence = Input::<f32>::optional(evidence, "evidence", channels, small)?;
         let motion = Input::<f32>::optional(motion, "motion", MOTION, size)?;
         let target = Input::<f32>::optional(target, "target", COLOR, size)?;
-        let [first, second] = parts(out.as_ref())?;
-        let shape = color.shape();
         let blocks = [small.height, small.width, innovation::CHANNELS];
-        let out = (Out::given(first, shape)?, Out::given(second, &blocks)?);
-        let mut correction = Direct::new(py, out.0, shape)?;
-        let mut left = Direct::new(py, out.1, &blocks)?;
+        let shapes = [color.shape(), &blocks];
         let [color, prediction] = [color.pixels(), prediction.pixels()];
         let target = target.as_ref().map_or(prediction, Input::pixels);
         let predicted = innovation::Predicted {
@@ -792,14 +788,12 @@ pub fn innovation_<'py>(
             evidence: evidence.pixels(),
             motion,
         });
-        let (bands, records) = (correction.data()?, left.data()?);
-        detached(py, || {
+        fill_parts(py, out.as_ref(), shapes, |[correction, left]| {
             let (found, rest) =
                 innovation::innovation(&color, None, &predicted, known, exposure, params);
-            found.corrections(&target, size, PixelsMut::bands(size, 3, bands));
-            records.copy_from_slice(rest.pixels().elements().0);
-        })?;
-        (correction, left)
+            found.corrections(&target, size, PixelsMut::bands(size, 3, correction));
+            left.copy_from_slice(rest.pixels().elements().0);
+        })?
     };
     Ok((correction.array()?, left.array()?))
 }

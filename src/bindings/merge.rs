@@ -4,7 +4,7 @@ use numpy::{PyArrayDyn, PyArrayMethods, PyUntypedArray};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
-use super::arrays::{COLOR, Channels, Direct, Input, Out, choice, detached, parts, points};
+use super::arrays::{COLOR, Channels, Direct, Input, Out, choice, fill_parts, points};
 use crate::error::Error;
 use crate::image::Size;
 use crate::kernels::judge::exposure;
@@ -196,7 +196,8 @@ pub fn accumulate_<'py>(
         warmup,
     };
     params.check()?;
-    let ([color, moments, length], missing) = {
+    let mut missing = 0;
+    let [color, moments, length] = {
         let color = Input::<f32>::new(color, "color", COLOR)?;
         let size = color.size();
         let history = Input::<f32>::of_size(history, "history", COLOR, size)?;
@@ -214,25 +215,8 @@ pub fn accumulate_<'py>(
         let [color, history @ ..] = data;
         let [weight, gradient, confidence] = [&weight, &gradient, &confidence]
             .map(|image| image.as_ref().map(|image| image.pixels().plane()));
-        let Size { height, width } = size;
-        let [first, second, third] = parts(out.as_ref())?;
-        let out = (
-            Out::given(first, &[height, width, 3])?,
-            Out::given(second, &[height, width, 2])?,
-            Out::given(third, &[height, width])?,
-        );
-        let mut merged = [
-            Direct::new(py, out.0, &[height, width, 3])?,
-            Direct::new(py, out.1, &[height, width, 2])?,
-            Direct::new(py, out.2, &[height, width])?,
-        ];
-        let [colors, moments, lengths] = merged.each_mut().map(Direct::data);
-        let (colors, moments, lengths) = (colors?, moments?, lengths?);
-        let missing = detached(py, || {
-            let merged = PixelsMut::bands(size, 3, colors)
-                .zip(PixelsMut::bands(size, 2, moments))
-                .zip(PixelsMut::bands(size, 1, lengths))
-                .map(|((color, moments), length)| [(0..3, color), (3..5, moments), (5..6, length)]);
+        let missing = &mut missing;
+        fill_history(py, out.as_ref(), size, |merged| {
             let samples = accumulate::Samples {
                 size: color.size,
                 color: &color,
@@ -243,9 +227,9 @@ pub fn accumulate_<'py>(
                 parts: history,
                 confidence,
             };
-            accumulate::accumulate(samples, &history, params, merged, std::iter::repeat(()))
-        })?;
-        (merged, missing)
+            let nothing = std::iter::repeat(());
+            *missing = accumulate::accumulate(samples, &history, params, merged, nothing);
+        })?
     };
     Ok(Accumulated {
         color: color.array()?.unbind(),
@@ -256,6 +240,24 @@ pub fn accumulate_<'py>(
 }
 
 /// Colour, moments and length.
+/// Lets `write` fill the arrays of a history: colour, moments and length.
+fn fill_history<'py>(
+    py: Python<'py>,
+    out: Option<&Bound<'py, PyAny>>,
+    size: Size,
+    write: impl FnOnce(std::vec::IntoIter<[accumulate::Part; 3]>) + Send,
+) -> PyResult<[Direct<'py>; 3]> {
+    let Size { height, width } = size;
+    let shapes: [&[usize]; 3] = [&[height, width, 3], &[height, width, 2], &[height, width]];
+    fill_parts(py, out, shapes, |[colors, moments, lengths]| {
+        let bands = PixelsMut::bands(size, 3, colors)
+            .zip(PixelsMut::bands(size, 2, moments))
+            .zip(PixelsMut::bands(size, 1, lengths))
+            .map(|((color, moments), length)| [(0..3, color), (3..5, moments), (5..6, length)]);
+        write(bands.collect::<Vec<_>>().into_iter());
+    })
+}
+
 type Images<'py> = (
     Bound<'py, PyArrayDyn<f32>>,
     Bound<'py, PyArrayDyn<f32>>,
@@ -348,32 +350,12 @@ pub fn combine_histories<'py>(
             input(other_length, "other_length", Channels::One)?,
         ];
         let gradient = Input::<f32>::optional(gradient, "gradient", Channels::One, size)?;
-        let Size { height, width } = size;
-        let shapes: [&[usize]; 3] = [&[height, width, 3], &[height, width, 2], &[height, width]];
-        let [a, b, c] = parts(out.as_ref())?;
-        let out = (
-            Out::given(a, shapes[0])?,
-            Out::given(b, shapes[1])?,
-            Out::given(c, shapes[2])?,
-        );
-        let mut combined = [
-            Direct::new(py, out.0, shapes[0])?,
-            Direct::new(py, out.1, shapes[1])?,
-            Direct::new(py, out.2, shapes[2])?,
-        ];
-        let [colors, moments, lengths] = combined.each_mut().map(Direct::data);
-        let (colors, moments, lengths) = (colors?, moments?, lengths?);
         let [first, second] =
             [&first, &second].map(|inputs| inputs.each_ref().map(|input| input.pixels()));
         let gradient = gradient.as_ref().map(|image| image.pixels().plane());
-        detached(py, || {
-            let outs = PixelsMut::bands(size, 3, colors)
-                .zip(PixelsMut::bands(size, 2, moments))
-                .zip(PixelsMut::bands(size, 1, lengths))
-                .map(|((color, moments), length)| [(0..3, color), (3..5, moments), (5..6, length)]);
+        fill_history(py, out.as_ref(), size, |outs| {
             combine::combine(first, second, gradient, exposure, outs);
-        })?;
-        combined
+        })?
     };
     Ok((color.array()?, moments.array()?, length.array()?))
 }

@@ -3,7 +3,7 @@
 use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 
-use super::arrays::{COLOR, Channels, Direct, Input, MOTION, Out, detached, parts};
+use super::arrays::{COLOR, Channels, Input, MOTION, fill_parts};
 use super::camera::{Camera, check_size};
 use crate::image::Size;
 use crate::kernels::fetch::pull_push::{self, pull_push};
@@ -133,17 +133,21 @@ pub fn splat_<'py>(
             &[height, width, 2],
             &[height, width],
         ];
-        let mut results = room(py, out.as_ref(), shapes)?;
-        let [color, depth, offset, quality] = results.each_mut().map(Direct::data);
-        let splats = Splats {
-            color: color?,
-            depth: depth?,
-            offset: offset?,
-            quality: quality?,
-        };
         let cameras = [&camera.inner, &previous_camera.inner];
-        detached(py, || splat(points, cameras, params, splats))?;
-        results
+        fill_parts(
+            py,
+            out.as_ref(),
+            shapes,
+            |[color, depth, offset, quality]| {
+                let splats = Splats {
+                    color,
+                    depth,
+                    offset,
+                    quality,
+                };
+                splat(points, cameras, params, splats);
+            },
+        )?
     };
     Ok((
         color.array()?,
@@ -229,13 +233,11 @@ pub fn pull_push_<'py>(
         }
         let size = color.size();
         let shapes: [&[usize]; 2] = [color.shape(), &[size.height, size.width]];
-        let mut results = room(py, out.as_ref(), shapes)?;
-        let [filled, known] = results.each_mut().map(Direct::data);
-        let (filled, known) = (filled?, known?);
         let color = color.pixels();
         let quality = quality.as_ref().map(|quality| quality.pixels());
-        detached(py, || pull_push(color, quality, params, filled, known))?;
-        results
+        fill_parts(py, out.as_ref(), shapes, |[filled, known]| {
+            pull_push(color, quality, params, filled, known);
+        })?
     };
     Ok((color.array()?, quality.array()?))
 }
@@ -345,9 +347,6 @@ pub fn recirculate_<'py>(
         let reprojected_quality = sized(reprojected_quality, "reprojected_quality", Channels::One)?;
         let motion = sized(motion, "motion", MOTION)?;
         let shapes: [&[usize]; 2] = [filled.shape(), &[size.height, size.width]];
-        let mut results = room(py, out.as_ref(), shapes)?;
-        let [color, quality] = results.each_mut().map(Direct::data);
-        let (color, quality) = (color?, quality?);
         let [new, old] = [
             (&filled, &filled_quality),
             (&reprojected, &reprojected_quality),
@@ -357,30 +356,11 @@ pub fn recirculate_<'py>(
             quality: quality.pixels(),
         });
         let motion = motion.pixels();
-        detached(py, || {
+        fill_parts(py, out.as_ref(), shapes, |[color, quality]| {
             let color = PixelsMut::bands(size, 3, color);
             let quality = PixelsMut::bands(size, 1, quality);
             recirculate(new, old, motion, params, color, quality);
-        })?;
-        results
+        })?
     };
     Ok((color.array()?, quality.array()?))
-}
-
-/// The arrays of several results: elements of `out`, or new ones. Must be called while the inputs are borrowed.
-fn room<'py, const N: usize>(
-    py: Python<'py>,
-    out: Option<&Bound<'py, PyAny>>,
-    shapes: [&[usize]; N],
-) -> PyResult<[Direct<'py>; N]> {
-    let given = parts::<N>(out)?.into_iter().zip(shapes);
-    // Check all of them before writing any.
-    let given: Vec<_> = given
-        .map(|(part, shape)| Ok((Out::given(part, shape)?, shape)))
-        .collect::<PyResult<_>>()?;
-    let room: Vec<_> = given
-        .into_iter()
-        .map(|(out, shape)| Direct::new(py, out, shape))
-        .collect::<PyResult<_>>()?;
-    Ok(room.try_into().ok().expect("as many as shapes"))
 }

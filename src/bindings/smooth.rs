@@ -5,7 +5,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
 use super::arrays::{
-    COLOR, Channels, Direct, Input, Out, Outgoing, detached, needs, parts, refuse_mask, wrong_type,
+    COLOR, Channels, Direct, Input, Out, detached, fill_parts, needs, refuse_mask, wrong_type,
 };
 use crate::error::in_range;
 use crate::image::Size;
@@ -397,25 +397,6 @@ pub fn atrous_<'py>(
         let length = Input::<f32>::optional(history_length, "history_length", Channels::One, size)?;
         let guide = GuideArgs::new(size, depth, normal, ids)?;
         let (shape, flat) = (color.shape(), [size.height, size.width]);
-        let [first, second, third] = match prediction {
-            Some(_) => parts(out.as_ref())?,
-            None => {
-                let [first, second] = parts(out.as_ref())?;
-                [first, second, None]
-            }
-        };
-        let given = (
-            Out::given(first, shape)?,
-            Out::given(second, &flat)?,
-            Out::given(third, &flat)?,
-        );
-        let mut out = (
-            Direct::new(py, given.0, shape)?,
-            Direct::new(py, given.1, &flat)?,
-            (prediction.as_ref())
-                .map(|_| Direct::new(py, given.2, &flat))
-                .transpose()?,
-        );
         let source = atrous::Source {
             color: color.pixels(),
             variance: variance.pixels(),
@@ -424,27 +405,23 @@ pub fn atrous_<'py>(
             exposure: tap_exposure.unwrap_or(f32::INFINITY),
         };
         let guide = guide.surface();
-        let (filtered, filtered_variance) = (out.0.data()?, out.1.data()?);
-        let filtered_prediction = out.2.as_mut().map(Direct::data).transpose()?;
-        detached(py, || {
+        let filter = |color: &mut [f32], variance: &mut [f32], prediction: Option<&mut [f32]>| {
             let guide = Guide::new(size, params.reach(), guide, None);
-            let filtered = PixelsMut::bands(size, 3, filtered);
-            atrous::atrous(
-                source,
-                &guide,
-                params,
-                filtered,
-                filtered_variance,
-                filtered_prediction,
-            );
-        })?;
-        out
+            let color = PixelsMut::bands(size, 3, color);
+            atrous::atrous(source, &guide, params, color, variance, prediction);
+        };
+        let out = out.as_ref();
+        match prediction {
+            Some(_) => Vec::from(fill_parts(py, out, [shape, &flat, &flat], |[a, b, c]| {
+                filter(a, b, Some(c));
+            })?),
+            None => Vec::from(fill_parts(py, out, [shape, &flat], |[a, b]| {
+                filter(a, b, None);
+            })?),
+        }
     };
-    let mut arrays = vec![filtered.0.array()?, filtered.1.array()?];
-    if let Some(prediction) = filtered.2 {
-        arrays.push(prediction.array()?);
-    }
-    PyTuple::new(py, arrays)
+    let arrays = filtered.into_iter().map(Direct::array);
+    PyTuple::new(py, arrays.collect::<PyResult<Vec<_>>>()?)
 }
 
 /// Clamp samples far brighter than their surroundings and redistribute the excess.
@@ -544,26 +521,20 @@ pub fn suppress_fireflies_<'py>(
         },
     };
     params.check()?;
-    let (held, removed) = {
+    let [held, removed] = {
         let color = Input::<f32>::new(color, "color", COLOR)?;
         let size = color.size();
         let expected = Input::<f32>::optional(expected, "expected", COLOR, size)?;
         let guide = GuideArgs::new(size, depth, normal, ids)?;
-        let [first, second] = parts(out.as_ref())?;
         let shape = color.shape();
-        let out = (Out::given(first, shape)?, Out::given(second, &shape[..2])?);
-        let mut held = Direct::new(py, out.0, shape)?;
-        let mut removed = Direct::new(py, out.1, &shape[..2])?;
         let (color, guide) = (color.pixels(), guide.surface());
         let expected = expected.as_ref().map(Input::pixels);
-        let (bands, plane) = (held.data()?, removed.data()?);
-        detached(py, || {
+        fill_parts(py, out.as_ref(), [shape, &shape[..2]], |[held, plane]| {
             let guide = Guide::new(size, params.radius, guide, None);
-            let bands = PixelsMut::bands(size, 3, bands);
-            let removed = fireflies::suppress_fireflies(color, expected, &guide, params, bands);
+            let held = PixelsMut::bands(size, 3, held);
+            let removed = fireflies::suppress_fireflies(color, expected, &guide, params, held);
             removed.view().interleave(plane);
-        })?;
-        (held, removed)
+        })?
     };
     Ok((held.array()?, removed.array()?))
 }
@@ -655,26 +626,22 @@ pub fn fix_history_<'py>(
         },
     };
     params.check()?;
-    let (fixed, out) = {
+    let fixed = {
         let color = Input::<f32>::new(color, "color", COLOR)?;
         let size = color.size();
         let length = Input::<f32>::of_size(history_length, "history_length", Channels::One, size)?;
         let guide = GuideArgs::new(size, depth, normal, ids)?;
-        let out = Out::given(out, color.shape())?;
+        let shape = color.shape();
+        let out = Out::given(out, shape)?;
         let (color, length, guide) = (color.pixels(), length.pixels().plane(), guide.surface());
-        let fixed = detached(py, || {
+        out.fill(py, shape, |fixed| {
             let color = color.to_planes();
             let guide = Guide::new(size, params.reach(), guide, None);
-            Outgoing::new(history_fix::fix_history(
-                color.view(),
-                length,
-                &guide,
-                params,
-            ))
-        })?;
-        (fixed, out)
+            let image = history_fix::fix_history(color.view(), length, &guide, params);
+            image.view().interleave(fixed);
+        })?
     };
-    fixed.array(py, out)
+    fixed.array()
 }
 
 fn modulate<'py>(
@@ -1083,15 +1050,16 @@ pub fn morphological_aa_<'py>(
         max_length: morphological::Params::max_length(max_length)?,
     };
     params.check()?;
-    let (smooth, out) = {
+    let smooth = {
         let color = Input::<f32>::new(color, "color", COLOR)?;
-        let out = Out::given(out, color.shape())?;
+        let shape = color.shape();
+        let out = Out::given(out, shape)?;
         let color = color.pixels();
-        let smooth = detached(py, || {
+        out.fill(py, shape, |smooth| {
             let color = color.to_planes();
-            Outgoing::new(morphological::morphological_aa(color.view(), params))
-        })?;
-        (smooth, out)
+            let image = morphological::morphological_aa(color.view(), params);
+            image.view().interleave(smooth);
+        })?
     };
-    smooth.array(py, out)
+    smooth.array()
 }

@@ -3,7 +3,7 @@
 use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 
-use super::arrays::{COLOR, Channels, Direct, Input, MOTION, Out, choice, detached, parts, vector};
+use super::arrays::{COLOR, Channels, Input, MOTION, Out, choice, fill_parts, vector};
 use crate::error::{Error, whole};
 use crate::image::Size;
 use crate::kernels::judge::{disocclusion, thin_features};
@@ -109,21 +109,13 @@ pub fn resample_<'py>(
         let Size { height, width } = size;
         let mut shape = image.shape().to_vec();
         shape[..2].copy_from_slice(&[height, width]);
-        let [first, second] = parts(out.as_ref())?;
-        let out = (Out::given(first, &shape)?, Out::given(second, &shape[..2])?);
-        let mut results = [
-            Direct::new(py, out.0, &shape)?,
-            Direct::new(py, out.1, &shape[..2])?,
-        ];
-        let [resampled, weight] = results.each_mut().map(Direct::data);
-        let (resampled, weight) = (resampled?, weight?);
         let pixels = image.pixels();
-        detached(py, || {
+        let shapes = [&*shape, &shape[..2]];
+        fill_parts(py, out.as_ref(), shapes, |[resampled, weight]| {
             let resampled = PixelsMut::bands(size, pixels.channels, resampled);
             let weight = PixelsMut::bands(size, 1, weight);
             resample::resample(pixels, size, offset, filter, dering, resampled, weight);
-        })?;
-        results
+        })?
     };
     Ok((resampled.array()?, weight.array()?))
 }
