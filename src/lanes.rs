@@ -14,7 +14,7 @@ pub const LANES: usize = 16;
 /// A vector of numbers.
 #[derive(Clone, Copy)]
 pub struct Lanes<S: Simd> {
-    simd: S,
+    pub simd: S,
     values: S::f32s,
 }
 
@@ -35,18 +35,13 @@ pub struct Mask<S: Simd> {
 impl<S: Simd> Lanes<S> {
     pub const COUNT: usize = S::F32_LANES;
 
+    /// A vector of one number.
     #[inline(always)]
-    pub fn all(simd: S, value: f32) -> Self {
+    pub fn splat(simd: S, value: f32) -> Self {
         Self {
             simd,
             values: simd.splat_f32s(value),
         }
-    }
-
-    /// A vector of one number.
-    #[inline(always)]
-    pub fn every(self, value: f32) -> Self {
-        Self::all(self.simd, value)
     }
 
     /// The elements from `at` on.
@@ -62,7 +57,7 @@ impl<S: Simd> Lanes<S> {
     /// The elements of several planes from `at` on.
     #[inline(always)]
     pub fn load_all<const N: usize>(simd: S, planes: [&[f32]; N], at: usize) -> [Self; N] {
-        let mut lanes = [Self::all(simd, 0.0); N];
+        let mut lanes = [Self::splat(simd, 0.0); N];
         for (lanes, plane) in lanes.iter_mut().zip(planes) {
             *lanes = Self::load(simd, plane, at);
         }
@@ -79,7 +74,7 @@ impl<S: Simd> Lanes<S> {
     ) -> [Self; N] {
         // One slice that holds all taps: one bounds check instead of N.
         let window = &plane[taps.first(at)..][..taps.places[N - 1] + Self::COUNT];
-        let mut lanes = [Self::all(simd, 0.0); N];
+        let mut lanes = [Self::splat(simd, 0.0); N];
         for k in 0..N {
             lanes[k] = Self::load(simd, window, taps.places[k]);
         }
@@ -172,15 +167,15 @@ impl<S: Simd> Lanes<S> {
 
     /// These lanes where `holds`, those of `other` elsewhere.
     #[inline(always)]
-    pub fn or(self, holds: Mask<S>, other: Self) -> Self {
+    pub fn when_else(self, holds: Mask<S>, other: Self) -> Self {
         let (mask, simd) = (holds.values, self.simd);
         self.with(simd.select_f32s(mask, self.values, other.values))
     }
 
     /// These lanes where `holds`, `other` elsewhere.
     #[inline(always)]
-    pub fn or_all(self, holds: Mask<S>, other: f32) -> Self {
-        self.or(holds, Self::all(self.simd, other))
+    pub fn when_or(self, holds: Mask<S>, other: f32) -> Self {
+        self.when_else(holds, Self::splat(self.simd, other))
     }
 
     #[inline(always)]
@@ -337,7 +332,7 @@ impl<S: Simd> Add<f32> for Lanes<S> {
 
     #[inline(always)]
     fn add(self, other: f32) -> Self {
-        self + Self::all(self.simd, other)
+        self + Self::splat(self.simd, other)
     }
 }
 
@@ -364,7 +359,7 @@ impl<S: Simd> Mul<f32> for Lanes<S> {
 
     #[inline(always)]
     fn mul(self, factor: f32) -> Self {
-        self * Self::all(self.simd, factor)
+        self * Self::splat(self.simd, factor)
     }
 }
 

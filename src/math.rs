@@ -135,19 +135,19 @@ pub fn exp2_weights<S: Simd, const N: usize>(x: [Lanes<S>; N]) -> [Lanes<S>; N] 
         shifted[k] = x[k] + ROUND;
         f[k] = x[k] - (shifted[k] + -ROUND);
     }
-    let every = |coefficient| x[0].every(coefficient);
+    let splat = |coefficient| Lanes::splat(x[0].simd, coefficient);
     let mut p = f;
     for k in 0..N {
-        p[k] = f[k].mul_add(every(1.326_472e-3), every(9.671_513e-3));
+        p[k] = f[k].mul_add(splat(1.326_472e-3), splat(9.671_513e-3));
     }
     for coefficient in [5.550_734e-2, 2.402_224_2e-1, 6.931_469_4e-1, 1.0] {
         for k in 0..N {
-            p[k] = p[k].mul_add(f[k], every(coefficient));
+            p[k] = p[k].mul_add(f[k], splat(coefficient));
         }
     }
     for k in 0..N {
         let power = p[k].scale_by_low_bits(shifted[k]);
-        p[k] = power.or_all(counts[k], 0.0);
+        p[k] = power.when_or(counts[k], 0.0);
     }
     p
 }
@@ -158,7 +158,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn of(x: f32) -> f32 {
-        exp2_weight(Lanes::all(pulp::Scalar128b, x)).first()
+        exp2_weight(Lanes::splat(pulp::Scalar128b, x)).first()
     }
 
     proptest! {

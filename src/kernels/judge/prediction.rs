@@ -130,28 +130,28 @@ pub(crate) fn average<S: Simd>(
     for start in (0..run.len).step_by(Lanes::<S>::COUNT) {
         let x = run.x + start;
         let own = Classes::load(simd, own, x + terms.radius);
-        let [mut sum, mut squares, mut count] = [Lanes::all(simd, 0.0); 3];
+        let [mut sum, mut squares, mut count] = [Lanes::splat(simd, 0.0); 3];
         for y in (y - radius).max(0)..=(y + radius).min(height as isize - 1) {
             let ([terms], [ids]) = (terms.row(y), ids.rows.row(y));
             for dx in 0..=2 * radius as usize {
                 let term = Lanes::load(simd, terms, x + dx);
                 let alike = own.equal(Classes::load(simd, ids, x + dx));
                 let counts = alike.and(term.is_finite());
-                let term = term.or_all(counts, -0.0);
+                let term = term.when_or(counts, -0.0);
                 sum = sum + term;
                 squares = squares + term * term;
-                count = count + Lanes::all(simd, 1.0).or_all(counts, 0.0);
+                count = count + Lanes::splat(simd, 1.0).when_or(counts, 0.0);
             }
         }
         let mean = sum / count;
         let spread = squares - mean * sum;
-        let spread = spread.or_all(spread.above(0.0), 0.0);
-        let variance = spread / (count * (count - Lanes::all(simd, 1.0)));
+        let spread = spread.when_or(spread.above(0.0), 0.0);
+        let variance = spread / (count * (count - Lanes::splat(simd, 1.0)));
         let known = count.above(1.0).and(squares.is_finite());
-        let t = mean / (variance + Lanes::all(simd, CERTAIN)).sqrt();
-        mean.or_all(count.above(0.0), 0.0)
+        let t = mean / (variance + Lanes::splat(simd, CERTAIN)).sqrt();
+        mean.when_or(count.above(0.0), 0.0)
             .store(&mut gains.mean, start);
-        t.or_all(known, 0.0).store(&mut gains.standardized, start);
+        t.when_or(known, 0.0).store(&mut gains.standardized, start);
     }
 }
 

@@ -186,7 +186,7 @@ impl<'a> Kernel for Find<'a> {
             for x in (0..removed.len()).step_by(Lanes::<S>::COUNT) {
                 let at = layout.at(x, y);
                 let center = self.guide.center(simd, x, y);
-                let zero = Lanes::all(simd, 0.0);
+                let zero = Lanes::splat(simd, 0.0);
                 let (mut count, mut first, mut second) = (zero, zero, zero);
                 for tap in &taps {
                     if tap.first(at) == at {
@@ -206,19 +206,19 @@ impl<'a> Kernel for Find<'a> {
                 let variance = at_least_zero(second / count - mean * mean);
                 let ring = mean + variance.sqrt() * self.params.threshold;
                 let expected = Lanes::load(simd, &predicted, x) * (1.0 + self.params.threshold);
-                let limit = ring.or((ring - expected).at_least(0.0), expected) * SLACK;
+                let limit = ring.when_else((ring - expected).at_least(0.0), expected) * SLACK;
                 // No limit where the squares overflow; no excess where luminance is not positive.
                 let limited = (count.at_least(MIN_WEIGHT))
                     .and(limit.is_finite())
                     .and(second.is_finite())
                     .and(light.above(0.0))
                     .and(own.is_finite());
-                let excess = at_least_zero(light - limit).or_all(limited, 0.0);
+                let excess = at_least_zero(light - limit).when_or(limited, 0.0);
                 excess.store(removed, x);
                 let firefly = excess.above(0.0);
-                (limit / light).or_all(firefly, 1.0).store(kept, x);
+                (limit / light).when_or(firefly, 1.0).store(kept, x);
                 any[0] |= !(excess * -1.0).at_least(0.0).all();
-                let fraction = (excess / light).or_all(firefly, 0.0) / (count + 1.0);
+                let fraction = (excess / light).when_or(firefly, 0.0) / (count + 1.0);
                 (r * fraction).store(gr, x);
                 (g * fraction).store(gg, x);
                 (b * fraction).store(gb, x);
@@ -249,7 +249,7 @@ impl Find<'_> {
 
 #[inline(always)]
 fn at_least_zero<S: Simd>(x: Lanes<S>) -> Lanes<S> {
-    x.or_all(x.above(0.0), 0.0)
+    x.when_or(x.above(0.0), 0.0)
 }
 
 /// Clamps fireflies and gathers the excess of their neighbours.

@@ -205,16 +205,16 @@ impl Comparison<'_> {
         let mut center = Center {
             at,
             class: Classes::load(simd, &self.class[..self.len], at),
-            normal: [Lanes::all(simd, 0.0); 3],
-            normal_scale: Lanes::all(simd, 0.0),
-            plane: [Lanes::all(simd, 0.0); 3],
-            plane_scale: Lanes::all(simd, 0.0),
+            normal: [Lanes::splat(simd, 0.0); 3],
+            normal_scale: Lanes::splat(simd, 0.0),
+            plane: [Lanes::splat(simd, 0.0); 3],
+            plane_scale: Lanes::splat(simd, 0.0),
         };
         if let Some(planes) = self.normal {
             let planes = planes.map(|plane| &plane[..self.len]);
             let [x, y, z, roughness] = Lanes::load_all(simd, planes, at);
             center.normal = [x, y, z];
-            let sharpness = Lanes::all(simd, -LOG2_E * 0.5 * self.sigma_normal);
+            let sharpness = Lanes::splat(simd, -LOG2_E * 0.5 * self.sigma_normal);
             center.normal_scale = sharpness / (roughness * self.sigma_normal + 1.0);
         }
         if let Some(planes) = self.depth {
@@ -224,7 +224,7 @@ impl Comparison<'_> {
             // The last term avoids 0/0 on the background.
             let unit = w * self.sigma_plane + slope * self.sigma_slope + 1e-30;
             center.plane = [w, across, along];
-            center.plane_scale = Lanes::all(simd, -LOG2_E) / unit;
+            center.plane_scale = Lanes::splat(simd, -LOG2_E) / unit;
         }
         center
     }
@@ -239,9 +239,9 @@ impl Comparison<'_> {
         taps: &Taps<N>,
         own: [f32; N],
     ) -> [Lanes<S>; N] {
-        let mut exponents = [Lanes::all(simd, 0.0); N];
+        let mut exponents = [Lanes::splat(simd, 0.0); N];
         for k in 0..N {
-            exponents[k] = Lanes::all(simd, own[k]);
+            exponents[k] = Lanes::splat(simd, own[k]);
         }
         if let Some([nx, ny, nz, _]) = self.normal {
             let x = Lanes::load_taps(simd, &nx[..self.len], center.at, taps);
@@ -268,7 +268,7 @@ impl Comparison<'_> {
             let row = w + along * taps.down;
             let mut difference = there;
             for k in 0..N {
-                difference[k] = across.mul_add(Lanes::all(simd, taps.right[k]), row) - there[k];
+                difference[k] = across.mul_add(Lanes::splat(simd, taps.right[k]), row) - there[k];
             }
             for k in 0..N {
                 exponents[k] = difference[k]
@@ -279,7 +279,7 @@ impl Comparison<'_> {
         let classes = Classes::load_taps(simd, &self.class[..self.len], center.at, taps);
         for k in 0..N {
             let same = center.class.equal(classes[k]);
-            exponents[k] = exponents[k].or_all(same, f32::NEG_INFINITY);
+            exponents[k] = exponents[k].when_or(same, f32::NEG_INFINITY);
         }
         exponents
     }

@@ -124,7 +124,7 @@ impl<'a> Kernel for Fix<'a> {
                     for (channel, sum) in sum.into_iter().enumerate() {
                         let row = fixed.row(channel, y);
                         let own = Lanes::load_around(simd, row, x as isize, 0.0);
-                        (sum / weight).or(known, own).store(row, x);
+                        (sum / weight).when_else(known, own).store(row, x);
                     }
                 }
             }
@@ -142,7 +142,7 @@ impl Fix<'_> {
         step: usize,
         taps: &[Tap],
     ) -> (Lanes<S>, [Lanes<S>; 3]) {
-        let nothing = Lanes::all(simd, 0.0);
+        let nothing = Lanes::splat(simd, 0.0);
         let mut sums = (nothing, [nothing; 3]);
         let guide = self.guide.compare(&self.params.sigmas, 2 * step);
         let center = guide.center(simd, x, y);
@@ -166,7 +166,7 @@ impl Fix<'_> {
         taps: &[Tap; N],
         (weight, sum): &mut (Lanes<S>, [Lanes<S>; 3]),
     ) {
-        let mut weights = [Lanes::all(simd, 0.0); N];
+        let mut weights = [Lanes::splat(simd, 0.0); N];
         for k in 0..N {
             [weights[k]] = guide.exponents(simd, center, &taps[k], [0.0]);
         }
@@ -183,9 +183,9 @@ impl Fix<'_> {
                 known = known.and(color[c].is_finite());
             }
             let w = weights[k] * samples;
-            *weight = *weight + w.or_all(known, 0.0);
+            *weight = *weight + w.when_or(known, 0.0);
             for c in 0..3 {
-                sum[c] = sum[c] + (w * color[c]).or_all(known, 0.0);
+                sum[c] = sum[c] + (w * color[c]).when_or(known, 0.0);
             }
         }
     }

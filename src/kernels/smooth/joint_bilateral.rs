@@ -298,7 +298,7 @@ impl Fill<'_> {
             return [sample[0], sample[1], sample[2]];
         }
         let center = self.guide.center(simd, x, y);
-        let mut weight = Lanes::all(simd, 0.0);
+        let mut weight = Lanes::splat(simd, 0.0);
         let mut sums = [weight; 3];
         for &(tap, own) in taps {
             let there = Lanes::load_all(simd, planes, tap.first(at));
@@ -312,9 +312,9 @@ impl Fill<'_> {
         let any = weight.above(0.0);
         let mut mean = sums;
         for (channel, mean) in mean.iter_mut().enumerate() {
-            *mean = (*mean / weight).or_all(any, f32::NAN);
+            *mean = (*mean / weight).when_or(any, f32::NAN);
             if self.keep {
-                *mean = sample[channel].or(sampled, *mean);
+                *mean = sample[channel].when_else(sampled, *mean);
             }
         }
         mean

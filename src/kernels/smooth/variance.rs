@@ -170,7 +170,7 @@ impl<'a> Estimate<'a> {
         if lasts.all() {
             return temporal;
         }
-        temporal.or(lasts, self.spatial(simd, at, guide, taps, rows, length))
+        temporal.when_else(lasts, self.spatial(simd, at, guide, taps, rows, length))
     }
 
     #[inline(always)]
@@ -184,7 +184,7 @@ impl<'a> Estimate<'a> {
         length: Lanes<S>,
     ) -> Lanes<S> {
         let center = guide.center(simd, x, y);
-        let mut sums = [Lanes::all(simd, 0.0); 3];
+        let mut sums = [Lanes::splat(simd, 0.0); 3];
         // Several taps at once hide the latency of each one's exponential.
         let (groups, rest) = taps.as_chunks::<TOGETHER>();
         for group in groups {
@@ -195,11 +195,11 @@ impl<'a> Estimate<'a> {
         }
         let [weight, first, second] = sums;
         let (m1, m2) = (first / weight, second / weight);
-        let samples = length.or_all(length.above(1.0), 1.0);
-        let young = Lanes::all(simd, self.params.min_length) / samples;
+        let samples = length.when_or(length.above(1.0), 1.0);
+        let young = Lanes::splat(simd, self.params.min_length) / samples;
         // Old pixels whose own moments are missing are no surer than others.
-        let young = young.or_all(young.above(1.0), 1.0);
-        floored_all((m2 - m1 * m1) * young).or_all(weight.above(0.0), 0.0)
+        let young = young.when_or(young.above(1.0), 1.0);
+        floored_all((m2 - m1 * m1) * young).when_or(weight.above(0.0), 0.0)
     }
 
     /// Adds the weights and weighted moments of some taps.
@@ -214,7 +214,7 @@ impl<'a> Estimate<'a> {
         rows: &[[&[f32]; 2]],
         [weight, first, second]: &mut [Lanes<S>; 3],
     ) {
-        let mut exponents = [Lanes::all(simd, 0.0); N];
+        let mut exponents = [Lanes::splat(simd, 0.0); N];
         for (exponent, tap) in exponents.iter_mut().zip(taps) {
             [*exponent] = guide.exponents(simd, center, tap, [0.0]);
         }
@@ -224,10 +224,10 @@ impl<'a> Estimate<'a> {
             let [dx, dy] = tap.offset.map(|far| radius.wrapping_add_signed(far));
             let [m1, m2] = Lanes::load_all(simd, rows[dy], x + dx);
             let known = known(m1, m2);
-            let w = w.or_all(known, 0.0);
+            let w = w.when_or(known, 0.0);
             *weight = *weight + w;
-            *first = w.mul_add(m1, *first).or(known, *first);
-            *second = w.mul_add(m2, *second).or(known, *second);
+            *first = w.mul_add(m1, *first).when_else(known, *first);
+            *second = w.mul_add(m2, *second).when_else(known, *second);
         }
     }
 }
@@ -240,5 +240,5 @@ fn known<S: Simd>(m1: Lanes<S>, m2: Lanes<S>) -> Mask<S> {
 /// [`floored`] for a register of pixels.
 #[inline(always)]
 pub(crate) fn floored_all<S: Simd>(variance: Lanes<S>) -> Lanes<S> {
-    variance.or_all(variance.at_least(SMALLEST), 0.0)
+    variance.when_or(variance.at_least(SMALLEST), 0.0)
 }

@@ -207,18 +207,18 @@ impl<'a, const RADIUS: usize, const PREDICTED: bool> Around<'a, RADIUS, PREDICTE
         let sharpness = self.sharpness(simd, at, near, limits, l);
         // The centre has weight 1.
         let mut sums = Sums {
-            weight: Lanes::all(simd, 1.0).or_all(known, 0.0),
+            weight: Lanes::splat(simd, 1.0).when_or(known, 0.0),
             color: [r, g, b],
-            variance: Lanes::load(simd, own.variance, at).or_all(known, 0.0),
-            luminance: l.or_all(known, 0.0),
+            variance: Lanes::load(simd, own.variance, at).when_or(known, 0.0),
+            luminance: l.when_or(known, 0.0),
         };
         let like = Like {
             center: own.guide.center(simd, x, y),
-            luminance: l.or_all(known, 0.0),
-            sharpness: sharpness.or_all(known, 0.0),
+            luminance: l.when_or(known, 0.0),
+            sharpness: sharpness.when_or(known, 0.0),
             tone: own.tones.map(|tones| {
                 let tone = Lanes::load(simd, tones, at);
-                (Lanes::all(simd, 1.0) / tone).or_all(tone.is_finite(), f32::INFINITY)
+                (Lanes::splat(simd, 1.0) / tone).when_or(tone.is_finite(), f32::INFINITY)
             }),
         };
         if RADIUS == 1 {
@@ -248,9 +248,9 @@ impl<'a, const RADIUS: usize, const PREDICTED: bool> Around<'a, RADIUS, PREDICTE
         }
         let some = sums.weight.above(0.0);
         // One division instead of five. The centre's weight keeps the sum away from subnormals.
-        let share = Lanes::all(simd, 1.0) / sums.weight;
+        let share = Lanes::splat(simd, 1.0) / sums.weight;
         for channel in &mut sums.color {
-            *channel = (*channel * share).or_all(some, 0.0);
+            *channel = (*channel * share).when_or(some, 0.0);
         }
         let [r, g, b] = sums.color;
         let v = floored_all(sums.variance * share * share);
@@ -259,7 +259,7 @@ impl<'a, const RADIUS: usize, const PREDICTED: bool> Around<'a, RADIUS, PREDICTE
         } else {
             luminances(r, g, b)
         };
-        let l = l.or_all(some, f32::NAN);
+        let l = l.when_or(some, f32::NAN);
         ([r, g, b, l], v)
     }
 
@@ -319,10 +319,10 @@ impl<'a, const RADIUS: usize, const PREDICTED: bool> Around<'a, RADIUS, PREDICTE
         let mut deviation = (above * 0.25 + own * 0.5 + below * 0.25).sqrt();
         if let Some(limits) = limits {
             let most = Lanes::load(simd, limits, at);
-            deviation = deviation.or((most - deviation).at_least(0.0), most);
+            deviation = deviation.when_else((most - deviation).at_least(0.0), most);
         }
         let unit = deviation * self.sigma_luminance + luminance.abs() * 1e-3 + 1e-30;
-        Lanes::all(simd, -LOG2_E) / unit
+        Lanes::splat(simd, -LOG2_E) / unit
     }
 }
 
@@ -372,7 +372,7 @@ fn add<S: Simd, const N: usize, const PREDICTED: bool>(
         for (weight, there) in weights.iter_mut().zip(load(tones)) {
             let share = own * there;
             let share = share * share;
-            *weight = weight.or(share.at_least(1.0), *weight * share);
+            *weight = weight.when_else(share.at_least(1.0), *weight * share);
         }
     }
     let [tr, tg, tb] = [
@@ -394,7 +394,7 @@ fn add<S: Simd, const N: usize, const PREDICTED: bool>(
         let luminances = load(line.channels[LUMINANCE]);
         for k in 0..N {
             // NaN is a missing tap's, whose weight is 0.
-            let luminance = luminances[k].or_all(luminances[k].is_number(), 0.0);
+            let luminance = luminances[k].when_or(luminances[k].is_number(), 0.0);
             sums.luminance = weights[k].mul_add(luminance, sums.luminance);
         }
     }
