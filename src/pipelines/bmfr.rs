@@ -9,7 +9,6 @@
 
 mod fit;
 
-use std::fmt;
 use std::ops::Range;
 
 use self::fit::{LEAST, accumulate_fits, by_light, fit, restored, without_emitters};
@@ -140,13 +139,7 @@ impl Bmfr {
     }
 }
 
-impl fmt::Debug for Bmfr {
-    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        f.debug_struct("Bmfr")
-            .field("params", &self.params)
-            .finish_non_exhaustive()
-    }
-}
+debug_params!(Bmfr, params);
 
 impl Steps for Bmfr {
     fn upkeep(&mut self) -> &mut Upkeep {

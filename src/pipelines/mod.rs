@@ -11,6 +11,19 @@
 //! All are used in the same way: see [`Pipeline`], [`Frame`] and [`Results`]. `Params::default()` is what the class of the
 //! Python package has by default.
 
+/// Shows the parameters of a pipeline: the rest is images.
+macro_rules! debug_params {
+    ($pipeline:ident, $($params:ident).+) => {
+        impl std::fmt::Debug for $pipeline {
+            fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+                f.debug_struct(stringify!($pipeline))
+                    .field("params", &self.$($params).+)
+                    .finish_non_exhaustive()
+            }
+        }
+    };
+}
+
 pub mod bmfr;
 mod correction;
 mod frame;

@@ -24,8 +24,6 @@
 mod history;
 mod samples;
 
-use std::fmt;
-
 use self::history::{Points, filled_depth, motion_along, report_known};
 use self::samples::{Fresh, find_samples};
 use super::correction::{correct, innovate};
@@ -158,13 +156,7 @@ impl Recirculation {
     }
 }
 
-impl fmt::Debug for Recirculation {
-    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        f.debug_struct("Recirculation")
-            .field("params", &self.params)
-            .finish_non_exhaustive()
-    }
-}
+debug_params!(Recirculation, params);
 
 impl Steps for Recirculation {
     fn upkeep(&mut self) -> &mut Upkeep {

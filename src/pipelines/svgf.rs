@@ -17,7 +17,6 @@ mod sides;
 mod still;
 
 use std::cell::OnceCell;
-use std::fmt;
 
 use self::finish::finish;
 use self::merge::{Merged, merge, merge_at_once};
@@ -119,13 +118,7 @@ impl Svgf {
     }
 }
 
-impl fmt::Debug for Svgf {
-    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        f.debug_struct("Svgf")
-            .field("params", &self.params)
-            .finish_non_exhaustive()
-    }
-}
+debug_params!(Svgf, params);
 
 impl Steps for Svgf {
     fn writes(&self) -> Extras {

@@ -16,7 +16,6 @@ mod mix;
 mod params;
 mod sweep;
 
-use std::fmt;
 use std::ops::Range;
 
 use self::lag::Lag;
@@ -467,13 +466,7 @@ impl Taa {
     }
 }
 
-impl fmt::Debug for Taa {
-    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        f.debug_struct("Taa")
-            .field("params", &self.stage.params)
-            .finish_non_exhaustive()
-    }
-}
+debug_params!(Taa, stage.params);
 
 impl Steps for Taa {
     fn upkeep(&mut self) -> &mut Upkeep {

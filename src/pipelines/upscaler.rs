@@ -13,8 +13,6 @@
 mod grids;
 mod merge;
 
-use std::fmt;
-
 use self::grids::Grids;
 use self::merge::{CHANNELS, Merge};
 use super::frame::{Frame, Output, Steps, Summary, Upkeep, check_size, names};
@@ -149,13 +147,7 @@ impl Upscaler {
     }
 }
 
-impl fmt::Debug for Upscaler {
-    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        f.debug_struct("Upscaler")
-            .field("params", &self.params)
-            .finish_non_exhaustive()
-    }
-}
+debug_params!(Upscaler, params);
 
 impl Steps for Upscaler {
     fn result_size(&self, size: Size) -> Size {
