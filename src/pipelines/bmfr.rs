@@ -12,7 +12,7 @@ mod fit;
 use std::ops::Range;
 
 use self::fit::{LEAST, accumulate_fits, by_light, fit, restored, without_emitters};
-use super::correction::{correct, innovate};
+use super::correction::correct;
 use super::frame::{Frame, Motion, Output, Steps, Summary, Upkeep, names, show};
 use super::history;
 use super::illumination::{Illumination, illumination, modulated, without_fireflies};
@@ -25,7 +25,8 @@ use crate::image::{Image, Interleaved, Pixels, View};
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::fetch::validate;
 use crate::kernels::judge::exposure::exposure;
-use crate::kernels::judge::{gradient, innovation};
+use crate::kernels::judge::gradient;
+use crate::kernels::judge::innovation::{self, innovation};
 use crate::kernels::merge::accumulate::{self, Images, Samples, accumulate};
 use crate::kernels::smooth::demodulate::{Texture, Way};
 use crate::kernels::smooth::guide::Guide;
@@ -359,13 +360,13 @@ impl<'a> Inputs<'a> {
         let size = history.size;
         let [length, fits] = [LENGTH, FITS].map(|part| history.pixels().part(part));
         let samples = Illumination::of(self.frame.color, self.texture);
-        let motion = self.motion.pixels();
+        let known = innovation::Known::of(evidence, self.motion.pixels());
         let shown = detailed.as_deref().map_or(fits, Image::pixels);
         let shown = innovation::Predicted {
             colors: &shown,
             lengths: length,
         };
-        let (found, rest) = innovate(params, &samples, weight, &shown, motion, bright, evidence);
+        let (found, rest) = innovation(&samples, weight, &shown, known, bright, params);
         if let Some(detailed) = detailed {
             let shown = detailed.bands().map(PixelsMut::Planar);
             let behind = PixelsMut::planar(size, history.data_mut());

@@ -3,30 +3,11 @@
 
 use std::ops::Range;
 
-use crate::image::{
-    Interleaved, Pixels, Run, SEGMENT, Size, View, deinterleave, interleave, segments,
-};
-use crate::kernels::judge::innovation::{self, Innovation, Prediction, corrected, innovation};
+use crate::image::{Run, SEGMENT, Size, deinterleave, interleave, segments};
+use crate::kernels::judge::innovation::{Innovation, corrected};
 use crate::math::luminance;
-use crate::pixels::{Colors, PixelsMut, Row};
+use crate::pixels::{PixelsMut, Row};
 use crate::rows::{self, BAND, Kernel, Simd};
-
-/// What a frame's samples show to be wrong with a prediction of them, and the evidence for the next frame.
-pub fn innovate(
-    params: innovation::Params,
-    fresh: &impl Colors,
-    weight: Option<View>,
-    prediction: &impl Prediction,
-    motion: Pixels,
-    exposure: f32,
-    evidence: Option<&Interleaved>,
-) -> (Innovation, Interleaved) {
-    let known = evidence.map(|evidence| innovation::Known {
-        evidence: evidence.pixels(),
-        motion: Some(motion),
-    });
-    innovation(fresh, weight, prediction, known, exposure, params)
-}
 
 /// The factor of a channel of history if its light changes by this one: colour, moments of luminance, length, and what comes
 /// behind them, which is colour.

@@ -26,7 +26,7 @@ mod samples;
 
 use self::history::{Points, filled_depth, motion_along, report_known};
 use self::samples::{Fresh, find_samples};
-use super::correction::{correct, innovate};
+use super::correction::correct;
 use super::frame::{Frame, Motion, Output, Steps, Summary, Upkeep, check_size, names, show};
 use super::illumination::samples_without_fireflies;
 use crate::error::{Error, Result, Whole, whole};
@@ -35,7 +35,7 @@ use crate::kernels::camera::motion::Geometry;
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::fetch::{pull_push, splat};
 use crate::kernels::judge::exposure::exposure;
-use crate::kernels::judge::innovation;
+use crate::kernels::judge::innovation::{self, innovation};
 use crate::kernels::merge::recirculate::{self, Known};
 use crate::kernels::smooth::fireflies;
 use crate::pixels::PixelsMut;
@@ -317,12 +317,12 @@ impl Joined {
             Pixels::of_interleaved(size, 1, length),
             exposure(prediction),
         );
-        let (motion, evidence) = (self.motion.pixels(), self.state.evidence.as_ref());
+        let known = innovation::Known::of(self.state.evidence.as_ref(), self.motion.pixels());
         let prediction = innovation::Predicted {
             colors: &prediction,
             lengths: length,
         };
-        let (found, rest) = innovate(params, fresh, None, &prediction, motion, bright, evidence);
+        let (found, rest) = innovation(fresh, None, &prediction, known, bright, params);
         let carried = &mut self.state.color.data_mut()[..3 * size.pixels()];
         let (shown, behind) = match &mut self.shown {
             Some(shown) => (shown.data_mut(), Some(carried)),

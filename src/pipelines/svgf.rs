@@ -24,7 +24,6 @@ pub use self::params::{ANTIALIASED, Params};
 use self::passes::{choose, filter};
 use self::sides::{Joined, expect, join, join_reports};
 use self::still::Still;
-use super::correction::innovate;
 use super::frame::{
     Expectation, Extras, Frame, History, HistoryMut, Mistake, Motion, Output, Steps, Summary,
     Upkeep, names,
@@ -41,7 +40,7 @@ use crate::kernels::camera::parallax::parallax;
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::fetch::validate::Surface;
 use crate::kernels::judge::exposure::exposure;
-use crate::kernels::judge::innovation::{self, Innovation};
+use crate::kernels::judge::innovation::{self, Innovation, innovation};
 use crate::kernels::merge::accumulate;
 use crate::kernels::smooth::demodulate::Texture;
 use crate::kernels::smooth::guide::{Coarse, Guide};
@@ -533,15 +532,15 @@ impl Current<'_> {
             colors: prediction,
             lengths: View::new(self.size(), 1, reports.history_length).into(),
         };
-        let (fresh, evidence) = (self.fresh(), evidence.as_ref());
-        Some(innovate(
-            params,
-            &fresh,
+        let known = innovation::Known::of(evidence.as_ref(), motion);
+        let fresh = &self.fresh();
+        Some(innovation(
+            fresh,
             None,
             &prediction,
-            motion,
+            known,
             exposure,
-            evidence,
+            params,
         ))
     }
 

@@ -22,7 +22,7 @@ use self::lag::Lag;
 use self::mix::{Seen, mix};
 pub use self::params::{Limits, Params};
 use self::sweep::Sweep;
-use super::correction::{correct, innovate, scale};
+use super::correction::{correct, scale};
 use super::frame::{
     Frame, Mistake, Output, OwnedSurface, Report, Steps, Summary, Upkeep, check_size,
 };
@@ -38,7 +38,7 @@ use crate::kernels::fetch::validate::Tests;
 use crate::kernels::judge::alternation::{self, alternation};
 use crate::kernels::judge::exposure::exposure;
 use crate::kernels::judge::gradient::{self, find_gradient};
-use crate::kernels::judge::innovation;
+use crate::kernels::judge::innovation::{self, innovation};
 use crate::kernels::judge::light_change::light_change_along;
 use crate::kernels::merge::resolve::{self, resolve};
 use crate::pixels::PixelsMut;
@@ -343,20 +343,12 @@ impl Stage {
         let size = samples.size;
         let color = Pixels::of_interleaved(size, 3, shown);
         let length = history.merged.pixels().part(3..4);
-        let evidence = history.evidence.as_ref();
+        let known = innovation::Known::of(history.evidence.as_ref(), motion);
         let shown_before = innovation::Predicted {
             colors: &color,
             lengths: length,
         };
-        let (found, rest) = innovate(
-            params,
-            &samples,
-            weight,
-            &shown_before,
-            motion,
-            exposure,
-            evidence,
-        );
+        let (found, rest) = innovation(&samples, weight, &shown_before, known, exposure, params);
         let behind = (params.fed_back)
             .then(|| PixelsMut::bands(size, sweep::CHANNELS, history.merged.data_mut()));
         let shown = PixelsMut::bands(size, 3, shown);

@@ -162,6 +162,16 @@ pub struct Known<'a> {
     pub motion: Option<Pixels<'a>>,
 }
 
+impl<'a> Known<'a> {
+    /// What the frame before left, if anything.
+    pub(crate) fn of(evidence: Option<&'a Interleaved>, motion: Pixels<'a>) -> Option<Self> {
+        evidence.map(|evidence| Self {
+            evidence: evidence.pixels(),
+            motion: Some(motion),
+        })
+    }
+}
+
 /// Estimates the error of a prediction; returns the correction and the evidence for the next frame. Differences of samples
 /// count by their weight only, 0 to 1, or not at all where it is NaN; without weights all count wholly.
 pub fn innovation(

@@ -18,14 +18,14 @@ use super::Current;
 use crate::image::{BandMut, Image, Interleaved, Pixels, SEGMENT, segments};
 use crate::kernels::fetch::validate::Surface;
 use crate::kernels::judge::exposure::exposure;
-use crate::kernels::judge::innovation;
+use crate::kernels::judge::innovation::{self, innovation};
 use crate::kernels::merge::accumulate::{CHANNELS, Images, Samples, accumulate};
 use crate::kernels::merge::converge::{converge, variance_of_mean};
 use crate::kernels::smooth::atrous::{self, Source};
 use crate::kernels::smooth::demodulate::{Texture, Way};
 use crate::kernels::smooth::guide::Guide;
 use crate::math::{larger, luminance, saturate};
-use crate::pipelines::correction::{correct, history_factor, innovate, scale};
+use crate::pipelines::correction::{correct, history_factor, scale};
 use crate::pipelines::illumination::illumination;
 use crate::pipelines::recall::Recalled;
 use crate::pixels::{PixelsMut, Row};
@@ -219,21 +219,13 @@ impl Still {
     fn follow(&mut self, now: &Current, bright: f32) {
         let size = now.size();
         let [mean, _, number] = parts(&self.mean);
-        let evidence = self.evidence.as_ref();
-        let motion = now.motion.pixels();
-        let known = innovation::Predicted {
+        let known = innovation::Known::of(self.evidence.as_ref(), now.motion.pixels());
+        let mean = innovation::Predicted {
             colors: &mean,
             lengths: number,
         };
-        let (found, rest) = innovate(
-            CORRECTION,
-            &now.frame.color,
-            None,
-            &known,
-            motion,
-            bright,
-            evidence,
-        );
+        let samples = &now.frame.color;
+        let (found, rest) = innovation(samples, None, &mean, known, bright, CORRECTION);
         let bands = PixelsMut::bands(size, CHANNELS, self.mean.data_mut());
         correct(&found, size, 0.0, bands, None::<std::iter::Empty<_>>);
         self.evidence = Some(rest);

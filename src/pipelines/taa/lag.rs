@@ -21,9 +21,8 @@ use crate::image::{
 };
 use crate::kernels::fetch::footprint::Filter;
 use crate::kernels::fetch::reproject::{self, Fetch, Fetched};
-use crate::kernels::judge::innovation::{self, Innovation, Prediction, corrected};
+use crate::kernels::judge::innovation::{self, Innovation, Prediction, corrected, innovation};
 use crate::math::{is_present, larger, luminance, smaller};
-use crate::pipelines::correction::innovate;
 use crate::pipelines::frame::Frame;
 use crate::pixels::{Colors, MotionLanes, Rolling, Row};
 use crate::rows::{self, Kernel, Simd};
@@ -63,21 +62,15 @@ impl Lag {
         let size = motion.size;
         let unlike = unlike_samples(frame, input.color, exposure);
         let (tests, bilinear) = (input.others.tests, reproject::Params::of(Filter::Bilinear));
-        let known = Known {
+        let predicted = Compared {
             fetch: Fetch::new(&[history.pixels()], size, tests, bilinear),
             motion,
             unlike: unlike.view(),
             confidence: input.others.confidence,
         };
-        let (found, rest) = innovate(
-            PARAMS,
-            &frame.color,
-            input.weight,
-            &known,
-            motion,
-            exposure,
-            evidence,
-        );
+        let known = innovation::Known::of(evidence, motion);
+        let samples = &frame.color;
+        let (found, rest) = innovation(samples, input.weight, &predicted, known, exposure, PARAMS);
         (Self { found, unlike }, rest)
     }
 
@@ -127,7 +120,7 @@ impl Lag {
 }
 
 /// The reprojected history, as far as samples are compared with it: missing elsewhere.
-struct Known<'a> {
+struct Compared<'a> {
     /// Of colour and length.
     fetch: Fetch<'a>,
     motion: Pixels<'a>,
@@ -136,7 +129,7 @@ struct Known<'a> {
     confidence: Option<View<'a>>,
 }
 
-impl Prediction for Known<'_> {
+impl Prediction for Compared<'_> {
     type Line = (MotionLanes, Fetched);
 
     fn size(&self) -> Size {
