@@ -485,6 +485,12 @@ impl Pixels<'_> {
         image
     }
 
+    /// [`Self::read`] for arrays.
+    #[inline(always)]
+    pub(crate) fn read_rows<const N: usize>(&self, run: Run, into: &mut [[f32; SEGMENT]; N]) {
+        self.read(run, into.each_mut().map(<[f32; SEGMENT]>::as_mut_slice));
+    }
+
     /// Loads the first `N` channels of a run into line buffers: in one sweep where the channels are contiguous.
     #[inline(always)]
     pub(crate) fn read<const N: usize>(&self, run: Run, into: [&mut [f32]; N]) {

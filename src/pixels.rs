@@ -136,12 +136,12 @@ impl<'a> PixelsMut<'a> {
 
     /// Writes a run; each of `rows` is the line buffer of a channel.
     #[inline(always)]
-    pub(crate) fn write<'r>(
+    pub(crate) fn write<'r, R: AsRef<[f32]> + ?Sized + 'r>(
         &mut self,
         run: Run,
-        rows: impl IntoIterator<Item = &'r [f32], IntoIter: ExactSizeIterator>,
+        rows: impl IntoIterator<Item = &'r R, IntoIter: ExactSizeIterator>,
     ) {
-        let rows = rows.into_iter().map(|row| &row[..run.len]);
+        let rows = rows.into_iter().map(|row| &row.as_ref()[..run.len]);
         let channels = rows.len();
         assert_eq!(channels, self.channels(), "an output has other channels");
         match self {
@@ -185,7 +185,7 @@ pub trait Colors: Sync {
 impl Colors for Pixels<'_> {
     #[inline(always)]
     fn colors(&self, run: Run, into: &mut [Row; 3]) {
-        self.read(run, into.each_mut().map(Row::as_mut_slice));
+        self.read_rows(run, into);
     }
 }
 
@@ -371,7 +371,7 @@ mod tests {
     fn write(mut out: PixelsMut) {
         let rows = [[1.0; SEGMENT]; 3];
         let run = segments(0, SIZE.width).next().expect("an image has pixels");
-        out.write(run, rows.iter().map(Row::as_slice));
+        out.write(run, &rows);
     }
 
     #[test]

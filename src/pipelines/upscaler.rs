@@ -33,7 +33,7 @@ use crate::kernels::judge::thin_features::thin_features;
 use crate::kernels::merge::accumulate::count_missing;
 use crate::kernels::smooth::fireflies;
 use crate::kernels::smooth::sharpen::{self, sharpen};
-use crate::pixels::{PixelsMut, Row};
+use crate::pixels::PixelsMut;
 
 /// Parameters of [`Upscaler`].
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -299,7 +299,7 @@ fn missing(color: Pixels) -> usize {
     let mut planes = [[0.0; SEGMENT]; 3];
     let runs = (0..color.size.height).flat_map(|y| segments(y, color.size.width));
     runs.map(|run| {
-        color.read(run, planes.each_mut().map(Row::as_mut_slice));
+        color.read_rows(run, &mut planes);
         count_missing(planes.each_ref().map(|row| &row[..run.len]))
     })
     .sum()

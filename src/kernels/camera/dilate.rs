@@ -254,9 +254,7 @@ fn rank(motion: &Pixels, choice: Choice, row: Run, [ranks, offered, x, y, z]: [&
     {
         let mut lanes = [[0.0; SEGMENT]; 2];
         for run in segments(row.y, n) {
-            still
-                .part(0..2)
-                .read(run, lanes.each_mut().map(Row::as_mut_slice));
+            still.part(0..2).read_rows(run, &mut lanes);
             for i in 0..run.len {
                 let at = run.x + i;
                 let moves = !is_still([x[at], y[at]], [lanes[0][i], lanes[1][i]]);

@@ -189,7 +189,7 @@ impl<'a> Kernel for Motion<'a> {
                     }
                 }
             }
-            motion.write(run, moved.each_ref().map(Row::as_slice));
+            motion.write(run, &moved);
         }
     }
 }

@@ -18,7 +18,7 @@ use glam::{DAffine3, DVec2};
 use super::motion::{Geometry, Shown};
 use super::pinhole::{Camera, Warp};
 use crate::image::{Pixels, SEGMENT, segments};
-use crate::pixels::{PixelsMut, Row};
+use crate::pixels::PixelsMut;
 use crate::rows::{self, Kernel, Simd};
 
 /// The current camera and the warp to the previous one.
@@ -105,7 +105,7 @@ impl<'a> Kernel for VirtualMotion<'a> {
             shown.find(self.geometry, self.camera, run);
             let [x, y] = &mut moved;
             self.mirrored.motion(&shown, 0, distances, x, y);
-            motion.write(run, moved.each_ref().map(Row::as_slice));
+            motion.write(run, &moved);
         }
     }
 }

@@ -97,7 +97,7 @@ impl<'a> Kernel for Tell<'a> {
                     lane[i] = value;
                 }
             }
-            claims.write(run, told.each_ref().map(|lane| &lane[..]));
+            claims.write(run, &told);
         }
     }
 }

@@ -165,7 +165,7 @@ impl<'a> Kernel for Gather<'_, 'a> {
                     moved[c][i] = if differs { -back(c) } else { still[c][i] };
                 }
             }
-            out.write(run, moved[..channels].iter().map(Row::as_slice));
+            out.write(run, &moved[..channels]);
         }
     }
 }

@@ -472,7 +472,7 @@ impl<'a> Tests<'a> {
             }
         }
         if let Some([now, _]) = self.direction {
-            now.read(run, expected.direction.each_mut().map(Row::as_mut_slice));
+            now.read_rows(run, &mut expected.direction);
             let [x, y, z] = expected.direction.each_ref().map(|lane| &lane[..len]);
             let lengths = &mut expected.length[..len];
             for i in 0..len {

@@ -93,9 +93,7 @@ impl<'a> Kernel for Alternation<'a> {
             let out = &mut outs[(y - rows.start) / BAND];
             for run in segments(y, size.width) {
                 if let Some(known) = &self.known {
-                    known
-                        .memory
-                        .read(run, memory.each_mut().map(Row::as_mut_slice));
+                    known.memory.read_rows(run, &mut memory);
                     if let Some(coverage) = known.coverage {
                         let coverage = &coverage.row(0, y)[run.x..][..run.len];
                         for (mean, &coverage) in memory[0].iter_mut().zip(coverage) {
@@ -116,7 +114,7 @@ impl<'a> Kernel for Alternation<'a> {
                         row[i] = if around.count[i] > 0.0 { next } else { row[i] };
                     }
                 }
-                out.write(run, memory.each_ref().map(Row::as_slice));
+                out.write(run, &memory);
             }
         }
     }

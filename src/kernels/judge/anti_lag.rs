@@ -48,10 +48,8 @@ impl<'a> Kernel for AntiLag<'a> {
         let [mut history, mut clipped] = [[[0.0; SEGMENT]; 3]; 2];
         let mut out = [0.0; SEGMENT];
         for run in rows.flat_map(|y| segments(y, self.length.size.width)) {
-            self.history
-                .read(run, history.each_mut().map(Row::as_mut_slice));
-            self.clipped
-                .read(run, clipped.each_mut().map(Row::as_mut_slice));
+            self.history.read_rows(run, &mut history);
+            self.clipped.read_rows(run, &mut clipped);
             let out = &mut out[..run.len];
             out.copy_from_slice(&self.length.row(0, run.y)[run.x..][..run.len]);
             shorten(out, &history, &clipped, self.strength);

@@ -12,7 +12,6 @@ use crate::error::{Result, finite_above_0};
 use crate::image::{BandMut, Image, Pixels, SEGMENT, Size, segments};
 use crate::lanes::LANES;
 use crate::math::{is_present, luminance};
-use crate::pixels::Row;
 use crate::rows::{self, Kernel, Simd};
 
 const FACTOR: f64 = 8.0;
@@ -57,8 +56,7 @@ impl<'a> Kernel for Sums<'a> {
             // One partial sum per lane: a single sum would be one chain of dependent additions.
             let (mut roots, mut counts) = ([0.0_f32; LANES], [0.0_f32; LANES]);
             for run in segments(y, self.color.size.width) {
-                self.color
-                    .read(run, colors.each_mut().map(Row::as_mut_slice));
+                self.color.read_rows(run, &mut colors);
                 let [r, g, b] = colors.each_mut();
                 // Padding beyond the image's last pixel counts as missing.
                 r[run.len..].fill(f32::NAN);

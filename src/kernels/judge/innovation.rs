@@ -329,7 +329,7 @@ impl<'a, P: Colors> Kernel for Corrections<'a, P> {
                 } else {
                     [[0.0; SEGMENT]; 3]
                 };
-                out.write(run, found.each_ref().map(Row::as_slice));
+                out.write(run, &found);
             }
         }
     }

@@ -148,7 +148,7 @@ impl<'a> Kernel for Sums<'a> {
         for row in rows {
             let [now, before, count] = sums.rows::<3>(row);
             for run in segments(row * self.step, width) {
-                (self.color).read(run, colors.each_mut().map(Row::as_mut_slice));
+                self.color.read_rows(run, &mut colors);
                 self.known.read(run, &mut history);
                 for i in 0..run.len {
                     let [own, known] =
@@ -180,7 +180,7 @@ impl Known<'_> {
                 into.coverage = fetched.coverage;
             }
             (Self::Here(color, coverage), _) => {
-                color.read(run, into.color.each_mut().map(Row::as_mut_slice));
+                color.read_rows(run, &mut into.color);
                 if let Some(coverage) = coverage {
                     Pixels::from(*coverage).load(run, 0, &mut into.coverage[..run.len]);
                 }

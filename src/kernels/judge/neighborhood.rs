@@ -223,10 +223,9 @@ impl<'a> Kernel for Clip<'a> {
             window.roll(self.color, y, y == rows.start);
             let out = &mut outs[(y - rows.start) / BAND];
             for run in segments(y, size.width) {
-                self.history
-                    .read(run, clipped.each_mut().map(Row::as_mut_slice));
+                self.history.read_rows(run, &mut clipped);
                 window.clip(run, &mut clipped);
-                out.write(run, clipped.each_ref().map(Row::as_slice));
+                out.write(run, &clipped);
             }
         }
     }
@@ -278,7 +277,7 @@ impl Window {
             };
             let mut max_channel = max_channel.flatten();
             for run in segments(y as usize, size.width) {
-                color.read(run, own.each_mut().map(Row::as_mut_slice));
+                color.read_rows(run, &mut own);
                 put(&mut colors, run, &own);
                 let own = own.each_ref().map(Row::as_slice);
                 space.convert(own, mapped.each_mut().map(Row::as_mut_slice), exposure);

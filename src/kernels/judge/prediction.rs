@@ -181,7 +181,7 @@ impl<'a> Kernel for Gain<'a> {
                 };
                 for run in segments(y as usize, size.width) {
                     for (image, rows) in self.images.iter().zip(&mut colors) {
-                        image.read(run, rows.each_mut().map(Row::as_mut_slice));
+                        image.read_rows(run, rows);
                     }
                     let [k, h, c] = colors
                         .each_ref()

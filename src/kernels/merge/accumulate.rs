@@ -225,7 +225,7 @@ impl<'a, C: Colors, H: History<Out: 'a>, const PARTS: usize> Kernel
             let how = [&weights, &changes, &confidences];
             self.params.merge(&colors, how, &mut history);
             for (channels, part) in &mut out.merged {
-                part.write(run, history[channels.clone()].iter().map(Row::as_slice));
+                part.write(run, &history[channels.clone()]);
             }
         }
     }

@@ -158,8 +158,7 @@ impl<'a> Kernel for Blend<'a> {
         for y in rows.clone() {
             colors.roll(self.color, y, y == rows.start);
             for run in segments(y, size.width) {
-                self.history
-                    .read(run, history.each_mut().map(Row::as_mut_slice));
+                self.history.read_rows(run, &mut history);
                 self.alpha.read(run, &mut alphas);
                 if flicker < 1.0 {
                     reduce_flicker(&colors, run, &history, flicker, &mut alphas);
@@ -169,7 +168,7 @@ impl<'a> Kernel for Blend<'a> {
                 }
                 let own = colors.own(run);
                 mix(own, &history, &alphas, weighting, exposure, &mut blended);
-                out.write(run, blended.each_ref().map(Row::as_slice));
+                out.write(run, &blended);
             }
         }
     }
@@ -216,13 +215,12 @@ impl<'a> Kernel for ClipBlend<'a> {
             window.roll(self.color, y, y == rows.start);
             let out = &mut outs[(y - rows.start) / BAND];
             for run in segments(y, size.width) {
-                self.history
-                    .read(run, clipped.each_mut().map(Row::as_mut_slice));
+                self.history.read_rows(run, &mut clipped);
                 window.clip(run, &mut clipped);
                 self.alpha.read(run, &mut alphas);
                 let own = window.colors.own(run);
                 mix(own, &clipped, &alphas, Weighting::None, 1.0, &mut blended);
-                out.write(run, blended.each_ref().map(Row::as_slice));
+                out.write(run, &blended);
             }
         }
     }

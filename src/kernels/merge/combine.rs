@@ -74,7 +74,7 @@ impl<'a, const PARTS: usize> Kernel for Combine<'a, PARTS> {
             }
             combine_rows(&second, &mut first);
             for (channels, part) in &mut out {
-                part.write(run, first[channels.clone()].iter().map(Row::as_slice));
+                part.write(run, &first[channels.clone()]);
             }
         }
     }

@@ -148,8 +148,7 @@ impl<'a> Kernel for Decide<'a> {
             squares.fill(0.0);
             variances.fill(0.0);
             for run in runs(row, self.result.size) {
-                self.result
-                    .read(run, result.each_mut().map(Row::as_mut_slice));
+                self.result.read_rows(run, &mut result);
                 self.still.compare(run, &result, &mut apart);
                 for x in 0..run.len {
                     let tile = (run.x + x) / TILE;

@@ -90,8 +90,7 @@ impl Known<'_> {
     #[inline(always)]
     fn read(&self, run: Run, color: &mut [Row; 3], quality: &mut Row) {
         let n = run.len;
-        self.color
-            .read(run, color.each_mut().map(Row::as_mut_slice));
+        self.color.read_rows(run, color);
         self.quality.load(run, 0, &mut quality[..n]);
         let [r, g, b] = color.each_ref().map(|row| &row[..n]);
         for (i, quality) in quality[..n].iter_mut().enumerate() {
@@ -281,8 +280,7 @@ impl<'a> Kernel for Recirculate<'a> {
         let mut motion = [[0.0; SEGMENT]; 2];
         for run in rows.flat_map(|y| segments(y, self.motion.size.width)) {
             let n = run.len;
-            self.motion
-                .read(run, motion.each_mut().map(Row::as_mut_slice));
+            self.motion.read_rows(run, &mut motion);
             let [mx, my] = motion.each_mut().map(|row| &mut row[..n]);
             for i in 0..n {
                 // Unknown or excessive motion counts as none: no blur, no fetch.
@@ -317,7 +315,7 @@ impl<'a> Kernel for Recirculate<'a> {
                 let sum = fresh[i] + faded;
                 known[i] = if sum > limit { limit } else { sum };
             }
-            shown.write(run, old.each_ref().map(Row::as_slice));
+            shown.write(run, &*old);
             carried.write(run, [&*known]);
         }
     }

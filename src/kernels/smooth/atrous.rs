@@ -351,7 +351,7 @@ impl Band<'_> {
         image.replicate(VARIANCES[0], y);
         let mut parts = [[0.0; SEGMENT]; 3];
         for run in segments(y, color.size.width) {
-            color.read(run, parts.each_mut().map(Row::as_mut_slice));
+            color.read_rows(run, &mut parts);
             load(run, parts.each_ref().map(|row| &row[..run.len]), image);
             if let Some(prediction) = prediction {
                 let luminances = &mut image.row(LUMINANCE, y)[run.x..][..run.len];
@@ -448,8 +448,7 @@ impl Limits<'_> {
         let width = blurred.len();
         let mut parts = [[0.0; SEGMENT]; 3];
         for run in segments(y, width) {
-            self.color
-                .read(run, parts.each_mut().map(Row::as_mut_slice));
+            self.color.read_rows(run, &mut parts);
             for (i, light) in light[1 + run.x..][..run.len].iter_mut().enumerate() {
                 let color = parts.map(|row| row[i]);
                 let [r, g, b] = color.map(|c| c.clamp(-MOST, MOST));
@@ -509,7 +508,7 @@ impl<'a> Kernel for Unload<'a> {
                     prediction.put(run, self.image.row(y).luminance(run));
                 }
                 self.image.colors(run, &mut values);
-                out.color.write(run, values.each_ref().map(Row::as_slice));
+                out.color.write(run, &values);
             }
         }
     }

@@ -80,7 +80,7 @@ impl<'a> Kernel for Modulate<'a> {
             self.image
                 .read(run, values.each_mut().map(|row| &mut row[..]));
             self.texture.modulate(self.way, run, &mut values);
-            out.write(run, values.each_ref().map(|row| &row[..]));
+            out.write(run, &values);
         }
     }
 }

@@ -23,7 +23,7 @@ use crate::error::{Result, Whole, finite_from_0, whole};
 use crate::image::{BandMut, Image, Pixels, Run, SEGMENT, segments};
 use crate::lanes::Lanes;
 use crate::math::{exp2_weight, is_present, luminance};
-use crate::pixels::{PixelsMut, Row};
+use crate::pixels::PixelsMut;
 use crate::rows::{self, Kernel, Simd};
 
 /// What counts as a firefly, and what becomes of it.
@@ -129,7 +129,7 @@ impl<'a> Kernel for Load<'a> {
     fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut seen: BorderedBand<'a>) {
         let mut color = [[0.0; SEGMENT]; 3];
         for run in rows.flat_map(|y| segments(y, self.0.size.width)) {
-            self.0.read(run, color.each_mut().map(Row::as_mut_slice));
+            self.0.read_rows(run, &mut color);
             let [r, g, b] = color.each_ref().map(|row| &row[..run.len]);
             let [or, og, ob, light, own] =
                 (seen.rows::<CHANNELS>(run.y)).map(|row| &mut row[run.x..][..run.len]);
@@ -236,7 +236,7 @@ impl Find<'_> {
         };
         let mut color = [[0.0; SEGMENT]; 3];
         for run in segments(y, expected.size.width) {
-            expected.read(run, color.each_mut().map(Row::as_mut_slice));
+            expected.read_rows(run, &mut color);
             let [r, g, b] = color.each_ref().map(|row| &row[..run.len]);
             for (x, predicted) in predicted[run.x..][..run.len].iter_mut().enumerate() {
                 let color = [r[x], g[x], b[x]];
@@ -308,8 +308,7 @@ impl Spread<'_, '_> {
         let mut color = [[0.0; SEGMENT]; 3];
         for run in segments(y, self.color.size.width) {
             let Run { x, len, .. } = run;
-            self.color
-                .read(run, color.each_mut().map(Row::as_mut_slice));
+            self.color.read_rows(run, &mut color);
             for i in 0..len {
                 let present = is_present([color[0][i], color[1][i], color[2][i]]);
                 for channel in 0..3 {
@@ -317,7 +316,7 @@ impl Spread<'_, '_> {
                     color[channel][i] = if present { held } else { own };
                 }
             }
-            out.write(run, color.each_ref().map(Row::as_slice));
+            out.write(run, &color);
         }
     }
 }

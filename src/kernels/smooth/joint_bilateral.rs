@@ -21,7 +21,6 @@ use crate::error::{Result, Whole, in_range, whole};
 use crate::image::{BandMut, Image, Pixels, SEGMENT, Size, Value, segments};
 use crate::lanes::{Lanes, Tap};
 use crate::math::{LOG2_E, exp2_weight, is_present};
-use crate::pixels::Row;
 use crate::rows::{self, Kernel, Simd};
 
 /// The window, and what stops it.
@@ -213,7 +212,7 @@ impl<'a> Kernel for Load<'a> {
         let mut color = [[0.0; SEGMENT]; 3];
         for (y, any) in rows::lines(rows, any, 1) {
             for run in segments(y, self.0.size.width) {
-                self.0.read(run, color.each_mut().map(Row::as_mut_slice));
+                self.0.read_rows(run, &mut color);
                 let [r, g, b] = color.each_ref().map(|row| &row[..run.len]);
                 let [or, og, ob, own] =
                     (image.rows::<CHANNELS>(y)).map(|row| &mut row[run.x..][..run.len]);

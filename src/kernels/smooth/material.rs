@@ -20,7 +20,6 @@ use super::regions::{beside, faces_alike};
 use crate::image::{BandMut, Image, Pixels, SEGMENT, Size, View, segments};
 use crate::kernels::fetch::validate::Surface;
 use crate::pairs;
-use crate::pixels::Row;
 use crate::rows::{self, Kernel, Simd};
 
 const NO_REFLECTANCE: u32 = 1;
@@ -100,7 +99,7 @@ impl<'a> Kernel for Tell<'a> {
         for y in rows {
             let kinds = kinds.row(0, y);
             for run in segments(y, self.albedo.size.width) {
-                (self.albedo).read(run, albedo.each_mut().map(Row::as_mut_slice));
+                self.albedo.read_rows(run, &mut albedo);
                 for (x, kind) in kinds[run.x..][..run.len].iter_mut().enumerate() {
                     let [r, g, b] = albedo.each_ref().map(|row| row[x] >= CLEAR);
                     *kind = if r & g & b { WHITE } else { ORDINARY };

@@ -28,7 +28,6 @@ use crate::image::{BandMut, Image, Pixels, SEGMENT, View, segments};
 use crate::kernels::fetch::validate::Surface;
 use crate::lanes::LANES;
 use crate::math::larger;
-use crate::pixels::Row;
 use crate::rows::{self, Kernel, Simd};
 
 /// A surface with a reflectance has one of at least this somewhere.
@@ -175,7 +174,7 @@ impl<'a> Kernel for Kinds<'a> {
         let (mut albedo, mut ids) = ([[0.0; SEGMENT]; 3], [0; SEGMENT]);
         let mut largest = [0.0; SEGMENT];
         for run in rows.flat_map(|y| segments(y, self.albedo.size.width)) {
-            (self.albedo).read(run, albedo.each_mut().map(Row::as_mut_slice));
+            self.albedo.read_rows(run, &mut albedo);
             let ids = &mut ids[..run.len];
             self.ids.load(run, 0, ids);
             for (x, largest) in largest.iter_mut().enumerate() {

@@ -16,7 +16,7 @@ use super::box_sums::box_sums;
 use crate::error::{Result, Whole, finite_from_0, whole};
 use crate::image::{BandMut, Image, Pixels, SEGMENT, View, segments};
 use crate::math::{is_present, luminance};
-use crate::pixels::{PixelsMut, Row};
+use crate::pixels::PixelsMut;
 use crate::rows::{self, Kernel, Simd};
 
 /// How much exceeds the noise, and over which window.
@@ -91,8 +91,8 @@ impl<'a> Kernel for Compare<'a> {
         for y in rows {
             let variance = self.variance.row(0, y);
             for run in segments(y, variance.len()) {
-                (self.smooth).read(run, smooth.each_mut().map(Row::as_mut_slice));
-                (self.noisy).read(run, noisy.each_mut().map(Row::as_mut_slice));
+                self.smooth.read_rows(run, &mut smooth);
+                self.noisy.read_rows(run, &mut noisy);
                 let mut parts = out.parts(run);
                 let (Some(squares), Some(variances)) = (parts.next(), parts.next()) else {
                     continue;
@@ -137,8 +137,8 @@ impl<'a> Kernel for Restore<'a> {
             }
             let own = self.parts.view().row(0, y);
             for run in segments(y, width) {
-                (self.smooth).read(run, restored.each_mut().map(Row::as_mut_slice));
-                (self.noisy).read(run, detail.each_mut().map(Row::as_mut_slice));
+                self.smooth.read_rows(run, &mut restored);
+                self.noisy.read_rows(run, &mut detail);
                 for i in 0..run.len {
                     let x = run.x + i;
                     let noise = strictness * variances[x];
@@ -149,7 +149,7 @@ impl<'a> Kernel for Restore<'a> {
                         restored[i] = if exceeds { more } else { restored[i] };
                     }
                 }
-                out.write(run, restored.each_ref().map(Row::as_slice));
+                out.write(run, &restored);
             }
         }
     }

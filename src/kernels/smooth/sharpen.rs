@@ -73,7 +73,7 @@ impl<'a> Kernel for Sharpen<'a> {
             colors.roll(self.color, y, y == rows.start);
             for run in segments(y, self.color.size.width) {
                 self.sharpen_run(&colors, run, &mut out);
-                sharpened.write(run, out.each_ref().map(Row::as_slice));
+                sharpened.write(run, &out);
             }
         }
     }

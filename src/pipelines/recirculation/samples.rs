@@ -225,8 +225,7 @@ impl<'a> Kernel for Sort<'a> {
         let mut drift = [[0.0; SEGMENT]; 3];
         let placed = matches!(self.geometry, Geometry::Position(_));
         for run in rows.flat_map(|y| segments(y, self.color.size.width)) {
-            self.color
-                .read(run, color.each_mut().map(Row::as_mut_slice));
+            self.color.read_rows(run, &mut color);
             shown.find(self.geometry, self.camera, run);
             self.drift(run, &mut drift);
             for i in 0..run.len {
@@ -260,8 +259,8 @@ impl<'a> Kernel for Sort<'a> {
             }
             let ([r, g, b], [x, y, z]) = (&color, &drift);
             let rows = [r, g, b, &inverse, x, y, z];
-            out.color.write(run, rows.map(Row::as_slice));
-            out.place.write(run, place.each_ref().map(Row::as_slice));
+            out.color.write(run, rows);
+            out.place.write(run, &place);
         }
     }
 }

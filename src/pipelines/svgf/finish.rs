@@ -119,7 +119,7 @@ impl<'a> Kernel for Finish<'a> {
                 if self.blacken {
                     color.iter_mut().for_each(|row| blacken_missing(row));
                 }
-                shown.write(run, color.each_ref().map(Row::as_slice));
+                shown.write(run, &color);
             }
         }
     }

@@ -137,8 +137,7 @@ impl<'a> Expected<'a> {
 
     #[inline(always)]
     fn read(&self, run: Run, changes: &mut Row, into: &mut [Row; CHANNELS]) {
-        self.history
-            .read(run, into.each_mut().map(Row::as_mut_slice));
+        self.history.read_rows(run, into);
         if let Some(gradient) = self.gradient {
             load_shares(gradient, run, changes);
             shorten(&mut into[5], changes);
@@ -155,7 +154,7 @@ impl<'a> Kernel for Expected<'a> {
         for run in rows.flat_map(|y| segments(y, self.history.size.width)) {
             self.read(run, &mut changes, &mut history);
             for (part, out) in [0..3, 3..5, 5..6].into_iter().zip(&mut out) {
-                out.write(run, history[part].iter().map(Row::as_slice));
+                out.write(run, &history[part]);
             }
         }
     }
@@ -231,10 +230,10 @@ impl<'a> Kernel for Join<'a> {
                 limit(self.longest, &mut later);
                 join_rows(black, &later, &mut expected);
             }
-            (self.history).read(run, history.each_mut().map(Row::as_mut_slice));
+            self.history.read_rows(run, &mut history);
             if let Some((joined, (_, black))) = out.history.as_mut().zip(self.later) {
                 join_rows(black, &later, &mut history);
-                joined.write(run, history.iter().map(Row::as_slice));
+                joined.write(run, &history);
                 out.length.put(run, &history[5]);
             }
             if let Some(out) = &mut out.prediction {

@@ -28,7 +28,7 @@ use crate::math::{larger, luminance, saturate};
 use crate::pipelines::correction::{correct, history_factor, scale};
 use crate::pipelines::illumination::illumination;
 use crate::pipelines::recall::Recalled;
-use crate::pixels::{PixelsMut, Row};
+use crate::pixels::PixelsMut;
 use crate::rows::{self, BAND, Kernel, Simd};
 
 /// What the innovation of a mean must exceed. At half the strictness, FLIP of a still scene is a tenth worse after 128 frames.
@@ -253,8 +253,7 @@ impl<'a> Kernel for Average<'a> {
         for (y, means) in rows::lines(rows, means, 3 * width) {
             let means = means.as_chunks_mut::<3>().0;
             for run in segments(y, width) {
-                self.fresh
-                    .read(run, fresh.each_mut().map(Row::as_mut_slice));
+                self.fresh.read_rows(run, &mut fresh);
                 self.number.load(run, 0, &mut number[..run.len]);
                 for (x, pixel) in means[run.x..][..run.len].iter_mut().enumerate() {
                     for (mean, fresh) in pixel.iter_mut().zip(&fresh) {
@@ -292,8 +291,7 @@ impl<'a> Kernel for Noise<'a> {
         for y in rows {
             let row = out.row(0, y);
             for run in segments(y, row.len()) {
-                self.moments
-                    .read(run, moments.each_mut().map(Row::as_mut_slice));
+                self.moments.read_rows(run, &mut moments);
                 self.number.load(run, 0, &mut number[..run.len]);
                 let mut deviation = [0.0; SEGMENT];
                 for (x, deviation) in deviation[..run.len].iter_mut().enumerate() {
@@ -324,7 +322,7 @@ impl<'a> Kernel for Normalize<'a> {
         for y in rows {
             let mut units: [&mut [f32]; 3] = out.rows(y);
             for run in segments(y, self.0.size.width) {
-                self.0.read(run, normal.each_mut().map(Row::as_mut_slice));
+                self.0.read_rows(run, &mut normal);
                 for i in 0..run.len {
                     let [x, y, z] = normal.each_ref().map(|row| row[i]);
                     let length = (x * x + y * y + z * z).sqrt();
@@ -356,8 +354,7 @@ impl<'a> Kernel for Settle<'a> {
         for (y, shown) in rows::lines(rows, shown, 3 * width) {
             let shown = shown.as_chunks_mut::<3>().0;
             for run in segments(y, width) {
-                self.light
-                    .read(run, light.each_mut().map(Row::as_mut_slice));
+                self.light.read_rows(run, &mut light);
                 self.texture.modulate(Way::Back, run, &mut light);
                 self.number.load(run, 0, &mut number[..run.len]);
                 for (x, pixel) in shown[run.x..][..run.len].iter_mut().enumerate() {

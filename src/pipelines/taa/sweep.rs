@@ -372,7 +372,7 @@ impl Outs<'_> {
         for row in &mut *merged {
             blacken_missing(&mut row[..lanes(run)]);
         }
-        self.merged.write(run, merged.each_ref().map(Row::as_slice));
+        self.merged.write(run, &*merged);
         if let Some(report) = &mut self.report {
             report.write(run, &past.length, &past.coverage, &past.rejection);
         }

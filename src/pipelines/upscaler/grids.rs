@@ -5,7 +5,7 @@ use std::ops::Range;
 use crate::image::{Image, Pixels, SEGMENT, Size, segments};
 use crate::kernels::fetch::footprint::{Filter, Wide};
 use crate::kernels::merge::resample::{nearest, resample};
-use crate::pixels::{PixelsMut, Row};
+use crate::pixels::PixelsMut;
 use crate::rows::{self, Kernel, Simd};
 
 pub struct Grids {
@@ -96,7 +96,7 @@ impl<'a> Kernel for Enlarge<'a> {
                     moved[c][i] = self.motion.at(at, c) * self.scale[c];
                 }
             }
-            out.write(run, moved.each_ref().map(Row::as_slice));
+            out.write(run, &moved);
         }
     }
 }

@@ -123,7 +123,7 @@ impl<F: Colors, P: Prediction> Gather<'_, F, P> {
             }
         }
         if let Some(from) = self.known.and_then(|known| known.motion) {
-            from.read(run, line.motion.each_mut().map(Row::as_mut_slice));
+            from.read_rows(run, &mut line.motion);
         }
         if let Some(around) = self.around {
             around.read(run, &mut line.light);
