@@ -287,6 +287,12 @@ impl<'a, T> View<'a, T> {
         &self.plane(channel)[y * self.size.width..][..self.size.width]
     }
 
+    /// The run's pixels in a channel.
+    #[inline(always)]
+    pub(crate) fn run(&self, channel: usize, run: Run) -> &'a [T] {
+        &self.row(channel, run.y)[run.x..][..run.len]
+    }
+
     /// The same row of the first `N` channels.
     #[inline(always)]
     pub fn rows<const N: usize>(&self, y: usize) -> [&'a [T]; N] {
@@ -852,7 +858,7 @@ impl<'a, T: Copy + Send + Sync + 'a> Kernel for Interleave<'a, T> {
         for (y, row) in rows::lines(rows, out, size.width * channels) {
             for run in segments(y, size.width) {
                 let records = &mut row[run.x * channels..][..run.len * channels];
-                let parts = (0..channels).map(|c| &self.planes.row(c, y)[run.x..][..run.len]);
+                let parts = (0..channels).map(|c| self.planes.run(c, run));
                 interleave(parts, records);
             }
         }

@@ -95,7 +95,7 @@ impl<'a> Kernel for Alternation<'a> {
                 if let Some(known) = &self.known {
                     known.memory.read_rows(run, &mut memory);
                     if let Some(coverage) = known.coverage {
-                        let coverage = &coverage.row(0, y)[run.x..][..run.len];
+                        let coverage = coverage.run(0, run);
                         for (mean, &coverage) in memory[0].iter_mut().zip(coverage) {
                             *mean = if coverage > 0.0 { *mean } else { f32::NAN };
                         }

@@ -51,7 +51,7 @@ impl<'a> Kernel for AntiLag<'a> {
             self.history.read_rows(run, &mut history);
             self.clipped.read_rows(run, &mut clipped);
             let out = &mut out[..run.len];
-            out.copy_from_slice(&self.length.row(0, run.y)[run.x..][..run.len]);
+            out.copy_from_slice(self.length.run(0, run));
             shorten(out, &history, &clipped, self.strength);
             shortened.write(run, [&*out]);
         }

@@ -81,7 +81,7 @@ impl<'a> Kernel for BlendFactor<'a> {
         let mut alphas = [0.0; SEGMENT];
         for run in rows.flat_map(|y| segments(y, self.confidence.size.width)) {
             let motion = self.motion.as_ref().map(|motion| lanes.load(motion, run));
-            let confidence = &self.confidence.row(0, run.y)[run.x..][..run.len];
+            let confidence = self.confidence.run(0, run);
             self.params.shares(confidence, motion, &mut alphas);
             alpha.write(run, [&alphas[..]]);
         }

@@ -294,7 +294,7 @@ impl<'a, F: Colors> Compare<'a, F> {
     fn steps(&self, run: Run, steps: &mut [Row], known: &mut Row) {
         let mut fresh = [[0.0; SEGMENT]; 3];
         self.fresh.colors(run, &mut fresh);
-        let row = |candidate: View<'a>| &candidate.row(0, run.y)[run.x..][..run.len];
+        let row = |candidate: View<'a>| candidate.run(0, run);
         let [r, g, b] = &fresh;
         let mut sample = [0.0; SEGMENT];
         for i in 0..SEGMENT {

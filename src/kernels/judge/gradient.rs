@@ -304,7 +304,7 @@ impl Gradient<'_> {
         self.color.read(run, [&mut *r, &mut *g, &mut *b]);
         self.previous.read(run, [&mut *pr, &mut *pg, &mut *pb]);
         if let Some(coverage) = self.coverage {
-            let coverage = &coverage.row(0, run.y)[run.x..][..n];
+            let coverage = coverage.run(0, run);
             for (pr, &coverage) in pr.iter_mut().zip(coverage) {
                 *pr = if coverage > 0.0 { *pr } else { f32::NAN };
             }

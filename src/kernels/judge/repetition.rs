@@ -92,7 +92,7 @@ impl<'a> Kernel for Deviate<'a> {
             for run in segments(y, self.now.size.width) {
                 let motion = lanes.load(&self.motion, run);
                 self.before.run(run, motion, &mut fetched);
-                let own = &self.now.row(0, y)[run.x..][..run.len];
+                let own = self.now.run(0, run);
                 let out = &mut deviation.row(0, row)[run.x..][..run.len];
                 let carried = &fetched.values(0)[..run.len];
                 for i in 0..run.len {

@@ -234,7 +234,7 @@ impl<'a, C: Colors, H: History<Out: 'a>, const PARTS: usize> Kernel
 /// Loads a run, clamped to [0, 1].
 #[inline(always)]
 pub(crate) fn load_shares(image: View, run: Run, shares: &mut Row) {
-    let values = &image.row(0, run.y)[run.x..][..run.len];
+    let values = image.run(0, run);
     for (share, &value) in shares.iter_mut().zip(values) {
         *share = saturate(value);
     }

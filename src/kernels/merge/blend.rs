@@ -105,7 +105,7 @@ impl Alpha<'_> {
         match self {
             Self::Constant(alpha) => into.fill(*alpha),
             Self::Map(map) => {
-                let alphas = &map.row(0, run.y)[run.x..][..run.len];
+                let alphas = map.run(0, run);
                 for (into, &alpha) in into.iter_mut().zip(alphas) {
                     *into = if alpha.is_nan() { 1.0 } else { saturate(alpha) };
                 }

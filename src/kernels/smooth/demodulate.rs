@@ -93,7 +93,7 @@ impl Texture<'_> {
         self.albedo
             .read(run, albedo.each_mut().map(|row| &mut row[..]));
         match self.mask {
-            Some(mask) => masked_divisors(&mut albedo, &mask.row(0, run.y)[run.x..][..run.len]),
+            Some(mask) => masked_divisors(&mut albedo, mask.run(0, run)),
             None => divisors(&mut albedo),
         }
         let mut emission = [[0.0; SEGMENT]; 3];

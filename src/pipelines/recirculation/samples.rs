@@ -203,7 +203,7 @@ impl Sort<'_> {
         if let Some((motion, still)) = self.moves {
             for (channel, row) in drift.iter_mut().enumerate().take(motion.channels) {
                 motion.load(run, channel, &mut row[..run.len]);
-                let still = &still.row(channel, run.y)[run.x..][..run.len];
+                let still = still.run(channel, run);
                 for (drift, still) in row.iter_mut().zip(still) {
                     let own = *drift - still;
                     *drift = if own.is_finite() { own } else { 0.0 };

@@ -319,8 +319,7 @@ impl Keep<'_> {
         levels.fill(usual);
         let Some(tiles) = &self.tiles else { return };
         tiles.read(run, levels);
-        let [confidence, length] =
-            [self.confidence, self.length].map(|image| &image.row(0, run.y)[run.x..][..run.len]);
+        let [confidence, length] = [self.confidence, self.length].map(|image| image.run(0, run));
         let luminance = filtered.luminance(run);
         for (i, level) in levels.iter_mut().enumerate() {
             let alone = self.textured & (confidence[i] == 0.0) & (length[i] < 1.5);

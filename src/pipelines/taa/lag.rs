@@ -182,12 +182,12 @@ fn find_compared(
     confidence: Option<View>,
     compared: &mut [bool],
 ) {
-    let unlike = &unlike.row(0, run.y)[run.x..][..run.len];
+    let unlike = unlike.run(0, run);
     for ((compared, &unlike), &coverage) in compared.iter_mut().zip(unlike).zip(coverage) {
         *compared = (unlike == 0) & (coverage > COVERED);
     }
     if let Some(confidence) = confidence {
-        let confidence = &confidence.row(0, run.y)[run.x..][..run.len];
+        let confidence = confidence.run(0, run);
         for (compared, &confidence) in compared.iter_mut().zip(confidence) {
             *compared &= confidence > 0.0;
         }

@@ -132,7 +132,7 @@ impl Sweep<'_> {
         let Some(confidence) = self.confidence.filter(|_| self.fetch.is_some()) else {
             return;
         };
-        let confidence = &confidence.row(0, run.y)[run.x..][..run.len];
+        let confidence = confidence.run(0, run);
         if confidence.iter().all(|&known| known > 0.0) {
             return;
         }

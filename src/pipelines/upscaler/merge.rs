@@ -125,8 +125,8 @@ impl Found {
 impl Merge<'_> {
     #[inline(always)]
     fn find_trust(&self, run: Run, found: &mut Found) {
-        let coverage = &self.past.coverage.view().row(0, run.y)[run.x..][..run.len];
-        let failed = &self.past.rejection.view().row(0, run.y)[run.x..][..run.len];
+        let coverage = self.past.coverage.view().run(0, run);
+        let failed = self.past.rejection.view().run(0, run);
         let disoccluded = self.disoccluded.plane(0);
         for i in 0..run.len {
             let at = self.grids.nearest(run.x + i, run.y);
@@ -155,9 +155,9 @@ impl Merge<'_> {
             factor,
             ..
         } = found;
-        let past = |channel| &self.past.history.view().row(channel, run.y)[run.x..][..run.len];
+        let past = |channel| self.past.history.view().run(channel, run);
         let (counts, locks) = (past(SAMPLES), past(LOCK));
-        let weights = &self.weight.view().row(0, run.y)[run.x..][..run.len];
+        let weights = self.weight.view().run(0, run);
         let (change, around) = (self.change.plane(0), self.change_around.plane(0));
         let thin = self.thin.plane(0);
         let mut hastes = [0.0; SEGMENT];

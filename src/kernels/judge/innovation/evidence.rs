@@ -115,7 +115,7 @@ impl<F: Colors, P: Prediction> Gather<'_, F, P> {
         let lengths = &mut line.length[..run.len];
         (self.prediction).read(run, scratch, &mut line.predicted, lengths);
         if let Some(weight) = self.weight {
-            let weight = &weight.row(0, run.y)[run.x..][..run.len];
+            let weight = weight.run(0, run);
             for (sample, predicted) in line.fresh.iter_mut().zip(&line.predicted) {
                 for ((sample, predicted), weight) in sample.iter_mut().zip(predicted).zip(weight) {
                     *sample = predicted + weight * (*sample - predicted);
