@@ -580,7 +580,7 @@ fn few<T: Copy + Default, const N: usize>(rest: &[T]) -> [T; N] {
 #[derive(Clone)]
 pub struct Interleaved<T: Value = f32> {
     pub(crate) size: Size,
-    channels: usize,
+    pub(crate) channels: usize,
     data: Memory<T>,
 }
 

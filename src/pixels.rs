@@ -8,8 +8,8 @@ use std::ops::RangeInclusive;
 
 use crate::error::Result;
 use crate::image::{
-    BandMut, Image, Pixels, Run, SEGMENT, Size, bands_of, check_data, deinterleave, interleave,
-    segments,
+    BandMut, Image, Interleaved, Pixels, Run, SEGMENT, Size, bands_of, check_data, deinterleave,
+    interleave, segments,
 };
 use crate::lanes::LANES;
 use crate::memory::prefetch;
@@ -156,6 +156,20 @@ impl<'a> PixelsMut<'a> {
                 band.prefetch_ahead(run);
             }
         }
+    }
+}
+
+impl Image {
+    /// The image's bands as outputs of kernels, which write either layout.
+    pub(crate) fn pixels_mut(&mut self) -> impl Iterator<Item = PixelsMut<'_>> {
+        self.bands().map(PixelsMut::Planar)
+    }
+}
+
+impl Interleaved {
+    /// The image's bands as outputs of kernels, which write either layout.
+    pub(crate) fn pixels_mut(&mut self) -> impl Iterator<Item = PixelsMut<'_>> {
+        PixelsMut::bands(self.size, self.channels, self.data_mut())
     }
 }
 
@@ -378,7 +392,7 @@ mod tests {
     #[should_panic(expected = "an output has other channels")]
     fn a_missing_plane_panics() {
         let mut image = Image::new(SIZE, 2);
-        image.bands().map(PixelsMut::Planar).for_each(write);
+        image.pixels_mut().for_each(write);
     }
 
     #[test]

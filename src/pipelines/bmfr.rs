@@ -368,9 +368,8 @@ impl<'a> Inputs<'a> {
         };
         let (found, rest) = innovation(&samples, weight, &shown, known, bright, params);
         if let Some(detailed) = detailed {
-            let shown = detailed.bands().map(PixelsMut::Planar);
             let behind = PixelsMut::planar(size, history.data_mut());
-            correct(&found, size, LEAST, shown, Some(behind));
+            correct(&found, size, LEAST, detailed.pixels_mut(), Some(behind));
         } else {
             let (accumulated, fits) = history.data_mut().split_at_mut(FITS.start * size.pixels());
             let [fits, behind] = [fits, accumulated].map(|data| PixelsMut::planar(size, data));

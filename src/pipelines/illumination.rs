@@ -7,7 +7,7 @@ use crate::kernels::smooth::demodulate::{Texture, Way, modulate};
 use crate::kernels::smooth::fireflies::{self, suppress_fireflies};
 use crate::kernels::smooth::guide::Guide;
 use crate::kernels::smooth::reflectance::Surfaces;
-use crate::pixels::{Colors, PixelsMut, Row};
+use crate::pixels::{Colors, Row};
 
 /// Demodulated when it is read.
 #[derive(Clone, Copy)]
@@ -50,7 +50,7 @@ pub fn illumination(color: Pixels, texture: Option<Texture>) -> Image {
 /// An image with its texture divided out, or put back.
 pub fn modulated(image: Pixels, texture: Texture, way: Way) -> Image {
     let mut result = Image::blank(image.size, 3);
-    modulate(image, texture, way, result.bands().map(PixelsMut::Planar));
+    modulate(image, texture, way, result.pixels_mut());
     result
 }
 
@@ -95,7 +95,6 @@ fn held_down(
     params: fireflies::Params,
 ) -> Image {
     let mut held = Image::blank(seen.size, 3);
-    let bands = held.bands().map(PixelsMut::Planar);
-    suppress_fireflies(seen, expected, guide, params, bands);
+    suppress_fireflies(seen, expected, guide, params, held.pixels_mut());
     held
 }

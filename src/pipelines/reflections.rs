@@ -287,8 +287,8 @@ impl<'a> Candidates<'a> {
             fetch: Fetch::new(&[light], color.size, self.tests, FETCH),
             color,
         };
-        let scores = PixelsMut::bands(size, 2 * self.distances, scores.data_mut());
-        rows::run(&kernel, size.height, errors.bands().zip(scores));
+        let outs = errors.bands().zip(scores.pixels_mut());
+        rows::run(&kernel, size.height, outs);
         errors
     }
 

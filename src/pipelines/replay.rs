@@ -109,10 +109,8 @@ pub fn relight(
         found: &found,
         width: size.width,
     };
-    let channels = history.pixels().channels;
-    let histories = PixelsMut::bands(size, channels, history.data_mut());
-    let lights = rows::optional(light.map(|light| PixelsMut::bands(size, 3, light.data_mut())));
-    let outs = histories.zip(then.bands()).zip(lights);
+    let lights = rows::optional(light.map(|light| light.pixels_mut()));
+    let outs = history.pixels_mut().zip(then.bands()).zip(lights);
     rows::run(&correct, size.height, outs);
 
     let rest = find_gradient([now.pixels(), then.pixels()], None, REPLAYED);
@@ -132,7 +130,7 @@ fn blurred(image: &Image, variance: Pixels) -> Image {
     let guide = Guide::new(image.size, params.reach(), Surface::default(), None);
     let mut mean = Image::blank(image.size, 3);
     let mut rest = Image::blank(image.size, 1);
-    let out = mean.bands().map(PixelsMut::Planar);
+    let out = mean.pixels_mut();
     let source = Source {
         color: image.pixels(),
         variance,

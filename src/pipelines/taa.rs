@@ -349,8 +349,7 @@ impl Stage {
             lengths: length,
         };
         let (found, rest) = innovation(&samples, weight, &shown_before, known, exposure, params);
-        let behind = (params.fed_back)
-            .then(|| PixelsMut::bands(size, sweep::CHANNELS, history.merged.data_mut()));
+        let behind = (params.fed_back).then(|| history.merged.pixels_mut());
         let shown = PixelsMut::bands(size, 3, shown);
         correct(&found, size, 0.0, shown, behind);
         history.evidence = Some(rest);
@@ -384,8 +383,7 @@ fn find_alternation(color: Pixels, known: Option<(Image, Image)>, exposure: f32)
         coverage: Some(coverage.view()),
     });
     let mut memory = Interleaved::blank(color.size, alternation::CHANNELS);
-    let out = PixelsMut::bands(color.size, alternation::CHANNELS, memory.data_mut());
-    alternation(color, known, exposure, out);
+    alternation(color, known, exposure, memory.pixels_mut());
     memory
 }
 
@@ -579,7 +577,6 @@ fn resolve_jitter(
     let (filter, jitter) = filter.zip(frame.jitter)?;
     used.push("jitter");
     let mut image = Image::blank(frame.color.size, 3);
-    let out = image.bands().map(PixelsMut::Planar);
-    let missing = resolve(&[(frame.color, jitter)], filter, out);
+    let missing = resolve(&[(frame.color, jitter)], filter, image.pixels_mut());
     Some((image, missing))
 }

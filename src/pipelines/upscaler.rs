@@ -266,25 +266,22 @@ impl Past {
 fn find_disoccluded(depth: Option<View>, motion: Pixels, separation: f32) -> Image {
     let mut disoccluded = Image::new(motion.size, 1);
     if let Some(depth) = depth {
-        let out = disoccluded.bands().map(PixelsMut::Planar);
-        disocclusion(depth, motion, separation, out);
+        disocclusion(depth, motion, separation, disoccluded.pixels_mut());
     }
     disoccluded
 }
 
 fn find_thin_features(color: Pixels) -> Image {
     let mut thin = Image::blank(color.size, 1);
-    let out = thin.bands().map(PixelsMut::Planar);
-    thin_features(color, SIMILARITY, out);
+    thin_features(color, SIMILARITY, thin.pixels_mut());
     thin
 }
 
 /// Clips history to the box of the new colours' neighbourhood.
 fn clip(history: Pixels, color: Pixels, exposure: f32) -> Image {
     let mut clipped = Image::blank(color.size, 3);
-    let out = clipped.bands().map(PixelsMut::Planar);
     let clip = neighborhood::Params { exposure, ..CLIP };
-    clip_history(history, color, clip, out);
+    clip_history(history, color, clip, clipped.pixels_mut());
     clipped
 }
 

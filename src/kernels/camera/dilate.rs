@@ -277,8 +277,7 @@ struct Dilate<'a> {
 /// [`dilate_motion`] as an image.
 pub fn dilate(motion: Pixels, choice: Choice, params: Params) -> Image {
     let mut dilated = Image::blank(motion.size, motion.channels);
-    let out = dilated.bands().map(PixelsMut::Planar);
-    dilate_motion(motion, choice, params, out);
+    dilate_motion(motion, choice, params, dilated.pixels_mut());
     dilated
 }
 

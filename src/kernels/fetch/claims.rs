@@ -35,8 +35,7 @@ pub fn claims(motion: Pixels, before: Pixels) -> Interleaved {
     };
     rows::run(&claim, size.height, rows::bands(size.height).map(|_| ()));
     let mut claims = Interleaved::blank(size, 3);
-    let told = PixelsMut::bands(size, 3, claims.data_mut());
-    rows::run(&Tell { before, least }, size.height, told);
+    rows::run(&Tell { before, least }, size.height, claims.pixels_mut());
     claims
 }
 

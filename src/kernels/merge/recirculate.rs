@@ -103,8 +103,7 @@ impl Known<'_> {
     fn interleaved<const N: usize>(self) -> Interleaved {
         let size = self.color.size;
         let mut texels = Interleaved::blank(size, N);
-        let outs = PixelsMut::bands(size, N, texels.data_mut());
-        rows::run(&Interleave::<N>(self), size.height, outs);
+        rows::run(&Interleave::<N>(self), size.height, texels.pixels_mut());
         texels
     }
 }

@@ -153,8 +153,7 @@ pub fn restored(
     let size = history.size;
     let all = history.pixels();
     let mut noisy = Image::blank(size, 3);
-    let clipped = noisy.bands().map(PixelsMut::Planar);
-    clip_history(all.part(LIGHT), fresh, RANGE, clipped);
+    clip_history(all.part(LIGHT), fresh, RANGE, noisy.pixels_mut());
     if let Some(weight) = weight {
         let hold = Hold {
             fresh,
@@ -170,8 +169,8 @@ pub fn restored(
         variance.bands(),
     );
     let mut restored = Image::blank(size, 3);
-    let out = restored.bands().map(PixelsMut::Planar);
     let (smooth, noisy) = (all.part(FITS), noisy.pixels());
+    let out = restored.pixels_mut();
     restore_detail(smooth, noisy, variance.view(), params, out);
     restored
 }

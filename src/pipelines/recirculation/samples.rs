@@ -46,8 +46,8 @@ pub fn find_samples(
         place: Interleaved::blank(size, 3),
     };
     let mut missing = vec![0; size.height.div_ceil(BAND)];
-    let outs = (PixelsMut::bands(size, CHANNELS, samples.color.data_mut()))
-        .zip(PixelsMut::bands(size, 3, samples.place.data_mut()))
+    let outs = (samples.color.pixels_mut())
+        .zip(samples.place.pixels_mut())
         .zip(&mut missing)
         .map(|((color, place), missing)| Sorted {
             color,

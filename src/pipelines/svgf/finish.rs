@@ -8,7 +8,6 @@ use crate::image::{
     BandMut, Image, Interleaved, Pixels, Run, SEGMENT, View, plane_bands, segments,
 };
 use crate::kernels::judge::innovation::{Innovation, corrected};
-use crate::kernels::merge::accumulate;
 use crate::kernels::smooth::demodulate::{Texture, Way};
 use crate::pipelines::correction::correct_run;
 use crate::pipelines::frame::{Frame, blacken_missing};
@@ -40,15 +39,14 @@ pub fn finish(
     };
     let mut aliased = (antialias.is_some()).then(|| Image::blank(size, 3));
     let colors: Option<Vec<_>> = match (&mut aliased, &mut show) {
-        (Some(image), _) => Some(image.bands().map(PixelsMut::Planar).collect()),
+        (Some(image), _) => Some(image.pixels_mut().collect()),
         (None, Some(color)) => Some(PixelsMut::bands(size, 3, color).collect()),
         (None, None) => None,
     };
     let colors = rows::optional(colors.map(Vec::into_iter));
     let variances = rows::optional(variance.map(|variance| plane_bands(variance, size)));
-    let histories = PixelsMut::bands(size, accumulate::CHANNELS, history.data_mut());
-    let lights = rows::optional(light.map(|light| PixelsMut::bands(size, 3, light.data_mut())));
-    let outs = colors.zip(variances).zip(histories).zip(lights);
+    let lights = rows::optional(light.map(|light| light.pixels_mut()));
+    let outs = colors.zip(variances).zip(history.pixels_mut()).zip(lights);
     let outs = outs.map(|(((color, variance), history), light)| Outs {
         color,
         variance,

@@ -108,7 +108,8 @@ fn merged<'a>(
     length: &'a mut [f32],
 ) -> impl Iterator<Item = [accumulate::Part<'a>; 2]> {
     let size = history.size;
-    PixelsMut::bands(size, CHANNELS, history.data_mut())
+    history
+        .pixels_mut()
         .zip(PixelsMut::planar(size, length))
         .map(|(all, length)| [(0..6, all), (5..6, length)])
 }

@@ -68,7 +68,7 @@ pub fn join(
         history: history.pixels(),
         later: later.map(|later| (later, black_level(exposure(history.pixels().part(0..3))))),
     };
-    let histories = (joined.as_mut()).map(|all| PixelsMut::bands(size, CHANNELS, all.data_mut()));
+    let histories = (joined.as_mut()).map(|all| all.pixels_mut());
     let outs = rows::optional(histories)
         .zip(rows::optional(prediction.as_mut().map(Image::bands)))
         .zip(plane_bands(reports.history_length, size));

@@ -28,7 +28,6 @@ use crate::math::{larger, luminance, saturate};
 use crate::pipelines::correction::{correct, history_factor, scale};
 use crate::pipelines::illumination::illumination;
 use crate::pipelines::recall::Recalled;
-use crate::pixels::PixelsMut;
 use crate::rows::{self, BAND, Kernel, Simd};
 
 /// What the innovation of a mean must exceed. At half the strictness, FLIP of a still scene is a tenth worse after 128 frames.
@@ -94,8 +93,7 @@ impl Still {
             confidence: None,
         };
         let mut merged = Interleaved::blank(size, CHANNELS);
-        let bands = PixelsMut::bands(size, CHANNELS, merged.data_mut());
-        let outs = bands.map(|all| [(0..CHANNELS, all)]);
+        let outs = merged.pixels_mut().map(|all| [(0..CHANNELS, all)]);
         accumulate(samples, &known, now.accumulate, outs, std::iter::repeat(()));
         let fresh = [
             now.frame.albedo,
@@ -197,11 +195,11 @@ impl Still {
             exposure: BRIGHTER * exposure(light.pixels()),
         };
         let (mut filtered, mut rest) = (Image::blank(size, 3), Image::blank(size, 1));
-        let bands = filtered.bands().map(PixelsMut::Planar);
         let params = atrous::Params {
             relative_noise: f32::INFINITY,
             ..now.params.atrous
         };
+        let bands = filtered.pixels_mut();
         atrous::atrous(source, &guide, params, bands, rest.data_mut(), None);
         let settle = Settle {
             light: filtered.pixels(),
@@ -226,7 +224,7 @@ impl Still {
         };
         let samples = &now.frame.color;
         let (found, rest) = innovation(samples, None, &mean, known, bright, CORRECTION);
-        let bands = PixelsMut::bands(size, CHANNELS, self.mean.data_mut());
+        let bands = self.mean.pixels_mut();
         correct(&found, size, 0.0, bands, None::<std::iter::Empty<_>>);
         self.evidence = Some(rest);
     }

@@ -84,7 +84,8 @@ impl Sweep<'_> {
         let size = self.color.size;
         let mut history = Interleaved::blank(size, CHANNELS);
         let mut missing = vec![0; size.height.div_ceil(BAND)];
-        let outs = PixelsMut::bands(size, CHANNELS, history.data_mut())
+        let outs = history
+            .pixels_mut()
             .zip(merged)
             .zip(&mut missing)
             .zip(rows::optional(report.map(Vec::into_iter)))

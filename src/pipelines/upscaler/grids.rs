@@ -63,16 +63,14 @@ impl Grids {
                 large.height as f32 / small.height as f32,
             ],
         };
-        let out = moved.bands().map(PixelsMut::Planar);
-        rows::run(&kernel, large.height, out);
+        rows::run(&kernel, large.height, moved.pixels_mut());
         moved
     }
 }
 
 fn resampled(image: Pixels, size: Size, offset: [f64; 2], filter: Filter) -> (Image, Image) {
     let (mut color, mut weight) = (Image::blank(size, 3), Image::blank(size, 1));
-    let out = color.bands().map(PixelsMut::Planar);
-    let weights = weight.bands().map(PixelsMut::Planar);
+    let (out, weights) = (color.pixels_mut(), weight.pixels_mut());
     resample(image, size, offset, filter, true, out, weights);
     (color, weight)
 }

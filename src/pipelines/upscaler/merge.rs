@@ -58,8 +58,7 @@ impl Merge<'_> {
     pub fn run(&self, report: Vec<Report>) -> Interleaved {
         let size = self.color.size;
         let mut history = Interleaved::blank(size, CHANNELS);
-        let outs = PixelsMut::bands(size, CHANNELS, history.data_mut()).zip(report);
-        rows::run(self, size.height, outs);
+        rows::run(self, size.height, history.pixels_mut().zip(report));
         history
     }
 }
