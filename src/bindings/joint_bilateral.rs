@@ -4,11 +4,11 @@ use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 
 use super::arrays::{COLOR, Channels, Input, Out, needs, vector};
-use super::smooth::GuideArgs;
+use super::smooth::{GuideArgs, sigmas};
 use crate::error::Error;
 use crate::image::{Image, Pixels, Size};
 use crate::kernels::fetch::validate::Surface;
-use crate::kernels::smooth::guide::{Guide, Sigmas};
+use crate::kernels::smooth::guide::Guide;
 use crate::kernels::smooth::joint_bilateral::{
     Grid, Params, joint_bilateral_upsample, reconstruct,
 };
@@ -89,11 +89,7 @@ pub fn reconstruct_<'py>(
     let params = Params {
         radius: Params::radius(radius)?,
         sigma,
-        sigmas: Sigmas {
-            normal: sigma_normal,
-            depth: sigma_depth,
-            plane: sigma_plane,
-        },
+        sigmas: sigmas(sigma_normal, sigma_depth, sigma_plane),
     };
     params.check()?;
     let filled = {
@@ -205,11 +201,7 @@ pub fn joint_bilateral_upsample_<'py>(
     let params = Params {
         radius: Params::radius(radius)?,
         sigma,
-        sigmas: Sigmas {
-            normal: sigma_normal,
-            depth: sigma_depth,
-            plane: sigma_plane,
-        },
+        sigmas: sigmas(sigma_normal, sigma_depth, sigma_plane),
     };
     params.check()?;
     let scale = Grid::scale(scale)?;

@@ -50,6 +50,15 @@ impl<'py> GuideArgs<'py> {
     }
 }
 
+/// The arguments `sigma_normal`, `sigma_depth` and `sigma_plane`.
+pub(super) fn sigmas(normal: f32, depth: f32, plane: f32) -> Sigmas {
+    Sigmas {
+        normal,
+        depth,
+        plane,
+    }
+}
+
 /// Estimate the variance of luminance: temporal for long histories, spatial for short ones.
 ///
 /// Parameters
@@ -127,11 +136,7 @@ pub fn estimate_variance_<'py>(
     sigma_plane: f32,
     out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
-    let sigmas = Sigmas {
-        normal: sigma_normal,
-        depth: sigma_depth,
-        plane: sigma_plane,
-    };
+    let sigmas = sigmas(sigma_normal, sigma_depth, sigma_plane);
     let params = variance::Params {
         min_length,
         radius: variance::Params::radius(radius)?,
@@ -369,11 +374,7 @@ pub fn atrous_<'py>(
     sigma_plane: f32,
     out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyTuple>> {
-    let sigmas = Sigmas {
-        normal: sigma_normal,
-        depth: sigma_depth,
-        plane: sigma_plane,
-    };
+    let sigmas = sigmas(sigma_normal, sigma_depth, sigma_plane);
     let params = atrous::Params {
         iterations: atrous::Params::iterations(iterations)?,
         radius: atrous::Params::radius(radius)?,
@@ -514,11 +515,7 @@ pub fn suppress_fireflies_<'py>(
         threshold,
         radius: fireflies::Params::radius(radius)?,
         redistribute,
-        sigmas: Sigmas {
-            normal: sigma_normal,
-            depth: sigma_depth,
-            plane: sigma_plane,
-        },
+        sigmas: sigmas(sigma_normal, sigma_depth, sigma_plane),
     };
     params.check()?;
     let [held, removed] = {
@@ -619,11 +616,7 @@ pub fn fix_history_<'py>(
     let params = history_fix::Params {
         max_length,
         stride,
-        sigmas: Sigmas {
-            normal: sigma_normal,
-            depth: sigma_depth,
-            plane: sigma_plane,
-        },
+        sigmas: sigmas(sigma_normal, sigma_depth, sigma_plane),
     };
     params.check()?;
     let fixed = {
@@ -646,18 +639,17 @@ pub fn fix_history_<'py>(
 
 fn modulate<'py>(
     py: Python<'py>,
+    way: Way,
     (name, image): (&str, &Bound<'py, PyAny>),
     albedo: &Bound<'py, PyAny>,
-    emission: Option<&Bound<'py, PyAny>>,
-    r#where: Option<&Bound<'py, PyAny>>,
+    [emission, mask]: [Option<&Bound<'py, PyAny>>; 2],
     out: Option<Bound<'py, PyAny>>,
-    way: Way,
 ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
     let modulated = {
         let image = Input::<f32>::new(image, name, COLOR)?;
         let albedo = Input::<f32>::of_size(albedo, "albedo", COLOR, image.size())?;
         let emission = Input::<f32>::optional(emission, "emission", COLOR, image.size())?;
-        let mask = r#where
+        let mask = mask
             .map(|mask| {
                 Input::<u8>::of_size(&bytes(mask, "where")?, "where", Channels::One, image.size())
             })
@@ -913,15 +905,8 @@ pub fn demodulate_<'py>(
     r#where: Option<&Bound<'py, PyAny>>,
     out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
-    modulate(
-        py,
-        ("color", color),
-        albedo,
-        emission,
-        r#where,
-        out,
-        Way::Off,
-    )
+    let image = ("color", color);
+    modulate(py, Way::Off, image, albedo, [emission, r#where], out)
 }
 
 /// Multiply illumination by albedo and add emission.
@@ -968,15 +953,8 @@ pub fn remodulate_<'py>(
     r#where: Option<&Bound<'py, PyAny>>,
     out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
-    modulate(
-        py,
-        ("illumination", illumination),
-        albedo,
-        emission,
-        r#where,
-        out,
-        Way::Back,
-    )
+    let image = ("illumination", illumination);
+    modulate(py, Way::Back, image, albedo, [emission, r#where], out)
 }
 
 /// Smooth jagged edges in a single image: morphological antialiasing.

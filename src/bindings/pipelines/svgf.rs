@@ -3,9 +3,9 @@
 use pyo3::prelude::*;
 
 use super::{FrameArgs, History, Output, Parts, Pipeline, alone, split};
+use crate::bindings::smooth::sigmas;
 use crate::kernels::fetch::validate::{self, Threshold};
 use crate::kernels::merge::accumulate;
-use crate::kernels::smooth::guide::Sigmas;
 use crate::kernels::smooth::{atrous, fireflies, variance};
 use crate::pipelines::Pipeline as _;
 use crate::pipelines::{history, svgf, taa};
@@ -214,11 +214,7 @@ impl SVGF {
         average_still: bool,
         coherence: bool,
     ) -> PyResult<PyClassInitializer<Self>> {
-        let sigmas = Sigmas {
-            normal: sigma_normal,
-            depth: sigma_depth,
-            plane: sigma_plane,
-        };
+        let sigmas = sigmas(sigma_normal, sigma_depth, sigma_plane);
         if let Some(albedo) = relative_albedo {
             albedo.check_luminance("relative_albedo")?;
         }
