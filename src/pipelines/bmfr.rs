@@ -396,7 +396,7 @@ fn merge(
         gradient: past.gradient.as_ref().map(Image::view),
     };
     let known = Images {
-        parts: [LIGHT, MOMENTS, LENGTH].map(|part| past.history.pixels().part(part)),
+        parts: accumulate::parts(past.history.pixels()),
         confidence: (params.by_confidence).then(|| View::new(size, 1, confidence)),
     };
     let merged = PixelsMut::planar(size, accumulated).map(|all| [(0..FITS.start, all)]);

@@ -357,11 +357,8 @@ impl Memory {
         planes.extend(replayed.map(Image::pixels));
         let mut values = reproject(&planes, motion, tests, BILINEAR, coverage, Some(rejection));
         let confidence = View::new(motion.size, 1, coverage).into();
-        let incoherent = (now
-            .params
-            .coherence
-            .then(|| Incoherent::find(now, confidence)))
-        .flatten();
+        let looks = now.params.coherence;
+        let incoherent = (looks.then(|| Incoherent::find(now, confidence))).flatten();
         if let Some(found) = &incoherent {
             let before = self.coarse_ids();
             let tests = self

@@ -386,8 +386,7 @@ fn run(
     let followed = (won.as_mut()).and_then(|won| won.seen(own, now.frame.albedo));
     let followed = followed.map(Image::pixels);
     if let Some(moved) = moved {
-        let motion = followed.unwrap_or(own).part(0..2).to_planes();
-        motion.view().interleave(moved);
+        write_motion(followed.unwrap_or(own), moved);
     }
     let stage = antialias.filter(|_| shown.is_some());
     finish(
@@ -427,13 +426,13 @@ fn show_settled(now: &Current, still: &mut Still, shown: &mut Shown) {
         levels.fill(now.params.atrous.iterations as f32);
     }
     if let Some(moved) = &mut shown.motion {
-        now.motion
-            .pixels()
-            .part(0..2)
-            .to_planes()
-            .view()
-            .interleave(moved);
+        write_motion(now.motion.pixels(), moved);
     }
+}
+
+/// Writes motion without the change of depth.
+fn write_motion(motion: Pixels, into: &mut [f32]) {
+    motion.part(0..2).to_planes().view().interleave(into);
 }
 
 /// A frame on its way through the passes.

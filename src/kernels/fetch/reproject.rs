@@ -519,8 +519,7 @@ pub fn reproject_interleaved(
 }
 
 fn planar(images: &mut [Image]) -> Vec<impl Iterator<Item = PixelsMut<'_>>> {
-    let bands = images.iter_mut().map(Image::bands);
-    bands.map(|bands| bands.map(PixelsMut::Planar)).collect()
+    images.iter_mut().map(Image::pixels_mut).collect()
 }
 
 /// Zips any number of iterators.

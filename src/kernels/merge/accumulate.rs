@@ -75,6 +75,11 @@ impl Params {
 /// Channels of a history image: colour 0 to 2, moments 3 and 4, length 5.
 pub const CHANNELS: usize = 6;
 
+/// Colour, moments and length of a history image.
+pub(crate) fn parts(history: Pixels) -> [Pixels; 3] {
+    [0..3, 3..5, 5..6].map(|part| history.part(part))
+}
+
 /// The source of a span's history: [`Images`], for other crates.
 pub trait History: Sync {
     /// A band of outputs that are written while the history is read, such as its coverage.

@@ -61,7 +61,7 @@ pub fn merge(
         gradient: recalled.gradient.as_ref().map(Image::view),
     };
     let images = Images {
-        parts: [0..3, 3..5, 5..6].map(|part| known.pixels().part(part)),
+        parts: accumulate::parts(known.pixels()),
         confidence: (params.history.by_confidence).then(|| View::new(size, 1, reports.confidence)),
     };
     let mut history = Interleaved::blank(size, CHANNELS);

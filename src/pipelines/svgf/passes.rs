@@ -134,7 +134,7 @@ pub fn filter(
         };
         if pass == 0 {
             let source = joined.as_ref().unwrap_or(history).pixels();
-            let [color, moments, length] = [0..3, 3..5, 5..6].map(|part| source.part(part));
+            let [color, moments, length] = accumulate::parts(source);
             let begin = Begin {
                 color,
                 length,

@@ -19,7 +19,7 @@ use crate::image::{BandMut, Image, Interleaved, Pixels, SEGMENT, segments};
 use crate::kernels::fetch::validate::Surface;
 use crate::kernels::judge::exposure::exposure;
 use crate::kernels::judge::innovation::{self, innovation};
-use crate::kernels::merge::accumulate::{CHANNELS, Images, Samples, accumulate};
+use crate::kernels::merge::accumulate::{CHANNELS, Images, Samples, accumulate, parts};
 use crate::kernels::merge::converge::{converge, variance_of_mean};
 use crate::kernels::smooth::atrous::{self, Source};
 use crate::kernels::smooth::demodulate::{Texture, Way};
@@ -89,7 +89,7 @@ impl Still {
             gradient: gradient.map(Image::view),
         };
         let known = Images {
-            parts: parts(&mean),
+            parts: parts(mean.pixels()),
             confidence: None,
         };
         let mut merged = Interleaved::blank(size, CHANNELS);
@@ -100,7 +100,7 @@ impl Still {
             now.frame.emission,
             now.frame.surface.normal,
         ];
-        let [_, _, number] = parts(&merged);
+        let [_, _, number] = parts(merged.pixels());
         let mut guides = guides.into_iter();
         let guides = fresh.map(|fresh| {
             let (fresh, mean) = (fresh?, guides.next().flatten());
@@ -146,7 +146,7 @@ impl Still {
         if now.params.history.innovation.is_some() && self.frames > 1 {
             self.follow(now, bright);
         }
-        let [mean, moments, number] = parts(&self.mean);
+        let [mean, moments, number] = parts(self.mean.pixels());
         let [albedo, emission, normal] =
             (self.guides.each_ref()).map(|guide| guide.as_ref().map(Interleaved::pixels));
         let Some(albedo) = albedo else {
@@ -216,7 +216,7 @@ impl Still {
     /// Corrects the mean by what this frame's samples show to be wrong with it.
     fn follow(&mut self, now: &Current, bright: f32) {
         let size = now.size();
-        let [mean, _, number] = parts(&self.mean);
+        let [mean, _, number] = parts(self.mean.pixels());
         let known = innovation::Known::of(self.evidence.as_ref(), now.motion.pixels());
         let mean = innovation::Predicted {
             colors: &mean,
@@ -228,11 +228,6 @@ impl Still {
         correct(&found, size, 0.0, bands, None::<std::iter::Empty<_>>);
         self.evidence = Some(rest);
     }
-}
-
-/// Colour, moments and number of samples.
-fn parts(mean: &Interleaved) -> [Pixels<'_>; 3] {
-    [0..3, 3..5, 5..6].map(|part| mean.pixels().part(part))
 }
 
 /// Adds a guide to its mean, which becomes that of as many frames as there are samples.
