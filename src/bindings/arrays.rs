@@ -449,19 +449,25 @@ fn shape_text(shape: &[usize]) -> String {
     )
 }
 
-/// The caller's `out` array, if any.
-pub struct Out<'py, T: Element = f32>(Option<Bound<'py, PyArrayDyn<T>>>);
+/// The caller's `out` array, or a new one of its shape.
+pub struct Out<'py, T: Element = f32> {
+    array: Option<Bound<'py, PyArrayDyn<T>>>,
+    shape: Vec<usize>,
+}
 
 impl<'py, T: Element> Out<'py, T> {
     /// A new array.
-    pub fn fresh() -> Self {
-        Self(None)
+    pub fn fresh(shape: &[usize]) -> Self {
+        Self {
+            array: None,
+            shape: shape.to_vec(),
+        }
     }
 
     /// Checks an `out` argument before any work is done. It may alias an input, because it is written last.
     pub fn given(value: Option<Bound<'py, PyAny>>, shape: &[usize]) -> PyResult<Self> {
         let Some(value) = value else {
-            return Ok(Self::fresh());
+            return Ok(Self::fresh(shape));
         };
         refuse_mask(&value, "out")?;
         let expected = format!(
@@ -483,7 +489,10 @@ impl<'py, T: Element> Out<'py, T> {
         if !writable || !array.is_c_contiguous() {
             return Err(Error::value("out", expected, "one that is read-only or strided").into());
         }
-        Ok(Self(Some(array.clone())))
+        Ok(Self {
+            array: Some(array.clone()),
+            shape: shape.to_vec(),
+        })
     }
 }
 
@@ -493,7 +502,10 @@ impl<'py> Out<'py, bool> {
         let view = |array: &Bound<'py, PyArrayDyn<bool>>| -> PyResult<_> {
             Ok(array.call_method1("view", ("uint8",))?.cast_into()?)
         };
-        Ok(Out(self.0.as_ref().map(view).transpose()?))
+        Ok(Out {
+            array: self.array.as_ref().map(view).transpose()?,
+            shape: self.shape.clone(),
+        })
     }
 
     /// The caller's array, or these bytes as a new one.
@@ -502,19 +514,18 @@ impl<'py> Out<'py, bool> {
         bytes: Bound<'py, PyArrayDyn<u8>>,
     ) -> PyResult<Bound<'py, PyArrayDyn<bool>>> {
         let fresh = || Ok(bytes.call_method1("view", ("bool",))?.cast_into()?);
-        self.0.map_or_else(fresh, Ok)
+        self.array.map_or_else(fresh, Ok)
     }
 }
 
 impl<'py, T: Element + Value> Out<'py, T> {
-    /// Lets `write` fill the caller's array, or a new one of this shape, while the inputs are borrowed.
+    /// Lets `write` fill the array while the inputs are borrowed.
     pub fn fill(
         self,
         py: Python<'py>,
-        shape: &[usize],
         write: impl FnOnce(&mut [T]) + Send,
     ) -> PyResult<Direct<'py, T>> {
-        let mut out = Direct::new(py, self, shape)?;
+        let mut out = Direct::new(py, self)?;
         let data = out.data()?;
         detached(py, || write(data))?;
         Ok(out)
@@ -532,14 +543,14 @@ pub struct Direct<'py, T: Element + Value = f32> {
 
 impl<'py, T: Element + Value> Direct<'py, T> {
     /// Must be called while the inputs and the arrays of earlier results are borrowed.
-    pub fn new(py: Python<'py>, out: Out<'py, T>, shape: &[usize]) -> PyResult<Self> {
+    pub fn new(py: Python<'py>, Out { array, shape }: Out<'py, T>) -> PyResult<Self> {
         // Allocated by numpy, which uses large pages.
         let empty = || -> PyResult<Bound<'py, PyArrayDyn<T>>> {
             let empty =
-                (py.import("numpy")?).call_method1("empty", (shape.to_vec(), T::get_dtype(py)))?;
+                (py.import("numpy")?).call_method1("empty", (shape.clone(), T::get_dtype(py)))?;
             Ok(empty.cast_into()?)
         };
-        let array = out.0.map_or_else(empty, Ok)?;
+        let array = array.map_or_else(empty, Ok)?;
         let held = Held::new(&array, Access::Write);
         if held.overlaps(Access::Write) {
             let expected = "arrays that share no memory with each other";
@@ -603,11 +614,11 @@ pub fn fill_parts<'py, const N: usize>(
     let given = parts::<N>(out)?.into_iter().zip(shapes);
     // Check all of them before writing any.
     let given: Vec<_> = given
-        .map(|(part, shape)| Ok((Out::given(part, shape)?, shape)))
+        .map(|(part, shape)| Out::given(part, shape))
         .collect::<PyResult<_>>()?;
     let mut results: Vec<_> = given
         .into_iter()
-        .map(|(out, shape)| Direct::new(py, out, shape))
+        .map(|out| Direct::new(py, out))
         .collect::<PyResult<_>>()?;
     let data: Vec<_> = (results.iter_mut())
         .map(Direct::data)

@@ -341,7 +341,7 @@ impl Camera {
             });
         let centre = |i: usize| [(i % width) as f64 + 0.5, (i / width) as f64 + 0.5];
         let shape: Vec<_> = outer.into_iter().chain([3]).collect();
-        let mut rays = Direct::new(py, Out::<f64>::fresh(), &shape)?;
+        let mut rays = Direct::new(py, Out::<f64>::fresh(&shape))?;
         let directions = rays.data()?.as_chunks_mut::<3>().0;
         detached(py, || {
             for (i, direction) in directions.iter_mut().enumerate() {
@@ -579,12 +579,11 @@ pub fn motion_vectors<'py>(
             })
             .collect::<PyResult<_>>()?;
         let transforms = Transforms::new(transforms)?;
-        let shape = [size.height, size.width, 3];
-        let out = Out::given(out, &shape)?;
+        let out = Out::given(out, &[size.height, size.width, 3])?;
         let ids = ids.as_ref().map(|ids| ids.pixels());
         let (geometry, camera, previous) =
             (place(&geometry), &camera.inner, &previous_camera.inner);
-        out.fill(py, &shape, |motion| {
+        out.fill(py, |motion| {
             let motion = PixelsMut::bands(size, 3, motion);
             motion::motion_vectors(geometry, camera, previous, ids, &transforms, motion);
         })?
@@ -669,12 +668,11 @@ pub fn virtual_motion_<'py>(
             check_size(name, camera, size)?;
         }
         let distance = Input::<f32>::of_size(hit_distance, "hit_distance", Channels::One, size)?;
-        let shape = [size.height, size.width, 2];
-        let out = Out::given(out, &shape)?;
+        let out = Out::given(out, &[size.height, size.width, 2])?;
         let distance = distance.pixels();
         let geometry = place(&geometry);
         let (camera, previous) = (&camera.inner, &previous_camera.inner);
-        out.fill(py, &shape, |motion| {
+        out.fill(py, |motion| {
             let motion = PixelsMut::bands(size, 2, motion);
             virtual_motion::virtual_motion(geometry, distance, camera, previous, motion);
         })?
@@ -836,7 +834,7 @@ pub fn dilate_motion<'py>(
             still,
         });
         let pixels = motion.pixels();
-        out.fill(py, motion.shape(), |dilated| {
+        out.fill(py, |dilated| {
             let dilated = PixelsMut::bands(pixels.size, pixels.channels, dilated);
             dilate::dilate_motion(pixels, choice, params, dilated);
         })?
@@ -914,7 +912,7 @@ pub fn invert_motion_<'py>(
         let pixels = motion.pixels();
         let depth = depth.as_ref().map(|depth| depth.pixels());
         let still = still.as_ref().map(Input::pixels);
-        Out::given(out, motion.shape())?.fill(py, motion.shape(), |inverted| {
+        Out::given(out, motion.shape())?.fill(py, |inverted| {
             let inverted = PixelsMut::bands(size, pixels.channels, inverted);
             invert_motion(pixels, depth, still, inverted);
         })?

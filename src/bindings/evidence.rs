@@ -204,12 +204,11 @@ pub fn compare_candidates<'py>(
             let got = format!("{} channels", evidence.channels());
             return Err(Error::value("evidence", expected, got).into());
         }
-        let shape = [tiles.height, tiles.width, numbers];
-        let out = Out::given(out, &shape)?;
+        let out = Out::given(out, &[tiles.height, tiles.width, numbers])?;
         let color = color.pixels();
         let candidates = candidates.pixels();
         let evidence = evidence.as_ref().map(|evidence| evidence.pixels());
-        out.fill(py, &shape, |after| {
+        out.fill(py, |after| {
             let candidates = candidates.to_planes();
             let views: Vec<_> = (0..count).map(|k| candidates.view().channel(k)).collect();
             let mut sums = match evidence {
@@ -283,11 +282,10 @@ pub fn collocate_<'py>(
         let planes = Input::<f32>::new(planes, "planes", Channels::Of(&[collocation::PLANES]))?;
         let tiles = choice::tiles(planes.size());
         let evidence = Input::<f32>::optional(evidence, "evidence", EVIDENCE, tiles)?;
-        let shape = [tiles.height, tiles.width, collocation::CHANNELS];
-        let out = Out::given(out, &shape)?;
+        let out = Out::given(out, &[tiles.height, tiles.width, collocation::CHANNELS])?;
         let planes = planes.pixels();
         let evidence = evidence.as_ref().map(|evidence| evidence.pixels());
-        out.fill(py, &shape, |after| {
+        out.fill(py, |after| {
             let mut sums = match evidence {
                 Some(evidence) => evidence.to_interleaved(),
                 None => collocation::nothing(planes.size),
@@ -463,12 +461,11 @@ pub fn repetition_<'py>(
         let motion = Input::<f32>::of_size(motion, "motion", MOTION, size)?;
         let rows = repetition::looked_at(size);
         let deviation = Input::<f32>::optional(deviation, "deviation", Channels::One, rows)?;
-        let shape = [rows.height, rows.width];
-        let out = Out::given(out, &shape)?;
+        let out = Out::given(out, &[rows.height, rows.width])?;
         let [color, previous, motion] = [&color, &previous, &motion].map(|image| image.pixels());
         let deviation = deviation.as_ref().map(|image| image.pixels().plane());
         let share = &mut share;
-        out.fill(py, &shape, |found| {
+        out.fill(py, |found| {
             let [now, before] = [color, previous].map(repetition::luminances);
             let (most, image) =
                 repetition::repetition(now.view(), before.view(), motion, deviation);
@@ -546,11 +543,10 @@ pub fn prediction_gain<'py>(
         let candidate = Input::<f32>::of_size(candidate, "candidate", COLOR, size)?;
         let base = Input::<f32>::of_size(base, "base", COLOR, size)?;
         let ids = Input::<u32>::optional(ids, "ids", Channels::One, size)?;
-        let shape = [size.height, size.width];
-        let out = Out::given(out, &shape)?;
+        let out = Out::given(out, &[size.height, size.width])?;
         let [candidate, base, color] = [&candidate, &base, &color].map(|image| image.pixels());
         let ids = ids.as_ref().map(|ids| ids.pixels());
-        out.fill(py, &shape, |gain| {
+        out.fill(py, |gain| {
             let gain = plane_bands(gain, size);
             prediction::prediction_gain(candidate, base, color, ids, radius, standardized, gain);
         })?

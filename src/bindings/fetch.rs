@@ -204,15 +204,14 @@ pub fn reproject_<'py>(
         let out = values
             .into_iter()
             .zip(&images)
-            .map(|(out, image)| Ok((Out::given(out, image.shape())?, image.shape())))
+            .map(|(out, image)| Out::given(out, image.shape()))
             .collect::<PyResult<Vec<_>>>()?;
-        let shape = [height, width];
-        let coverage = Out::given(second, &shape)?;
+        let coverage = Out::given(second, &[height, width])?;
         let mut values = out
             .into_iter()
-            .map(|(out, shape)| Direct::new(py, out, shape))
+            .map(|out| Direct::new(py, out))
             .collect::<PyResult<Vec<_>>>()?;
-        let mut coverage = Direct::new(py, coverage, &shape)?;
+        let mut coverage = Direct::new(py, coverage)?;
         {
             let values = values.iter_mut().map(Direct::data);
             let values = values.collect::<PyResult<Vec<_>>>()?;

@@ -96,10 +96,9 @@ pub fn reconstruct_<'py>(
         let color = Input::<f32>::new(color, "color", COLOR)?;
         let size = color.size();
         let guide = GuideArgs::new(size, depth, normal, ids)?;
-        let shape = color.shape();
-        let out = Out::given(out, shape)?;
+        let out = Out::given(out, color.shape())?;
         let (color, guide) = (color.pixels(), guide.surface());
-        out.fill(py, shape, |filled| {
+        out.fill(py, |filled| {
             let guide = Guide::new(size, params.radius, guide, None);
             let image = reconstruct(color, &guide, params);
             image.view().interleave(filled);
@@ -241,8 +240,7 @@ pub fn joint_bilateral_upsample_<'py>(
         let depth = Input::<f32>::optional(low_depth, "low_depth", Channels::One, size)?;
         let normal = Input::<f32>::optional(low_normal, "low_normal", COLOR, size)?;
         let ids = Input::<u32>::optional(low_ids, "low_ids", Channels::One, size)?;
-        let shape = [full.height, full.width, 3];
-        let out = Out::given(out, &shape)?;
+        let out = Out::given(out, &[full.height, full.width, 3])?;
         let (color, guide) = (color.pixels(), guide.surface());
         let low = Surface {
             depth: depth.as_ref().map(Input::pixels),
@@ -250,7 +248,7 @@ pub fn joint_bilateral_upsample_<'py>(
             ids: ids.as_ref().map(Input::pixels),
             ..Default::default()
         };
-        out.fill(py, &shape, |upsampled| {
+        out.fill(py, |upsampled| {
             let reach = params.radius * scale;
             let shown = shown(low, guide, grid, reach);
             let guide = Guide::new(full, reach, guide, None);

@@ -88,9 +88,8 @@ pub fn incoherent_guides_<'py>(
             ids.as_ref().map(Input::pixels),
         );
         let confidence = confidence.as_ref().map(Input::pixels);
-        let shape = [size.height, size.width];
-        let out = Out::<bool>::given(out, &shape)?;
-        let mask = out.bytes()?.fill(py, &shape, |mask| {
+        let out = Out::<bool>::given(out, &[size.height, size.width])?;
+        let mask = out.bytes()?.fill(py, |mask| {
             let tiles = incoherent(size, normal, ids, confidence);
             for (y, row) in mask.chunks_mut(size.width).enumerate() {
                 row.fill(0);
@@ -211,7 +210,7 @@ pub fn clip_history_<'py>(
         let out = Out::given(out, history.shape())?;
         let [old, new] = [history.pixels(), color.pixels()];
         let alpha = alpha.as_ref().map(AlphaArg::data);
-        out.fill(py, history.shape(), |clipped| {
+        out.fill(py, |clipped| {
             let clipped = PixelsMut::bands(new.size, 3, clipped);
             match alpha {
                 Some(alpha) => clip_and_blend(new, old, alpha, params, clipped),
@@ -400,7 +399,7 @@ pub fn blend_factor_<'py>(
         let out = Out::given(out, confidence.shape())?;
         let motion = motion.as_ref().map(|motion| motion.pixels());
         let known = confidence.pixels().plane();
-        out.fill(py, confidence.shape(), |alpha| {
+        out.fill(py, |alpha| {
             let alpha = PixelsMut::bands(known.size, 1, alpha);
             blend_factor::blend_factor(known, motion, params, alpha);
         })?
@@ -474,7 +473,7 @@ pub fn anti_lag_<'py>(
         let out = Out::given(out, length.shape())?;
         let [old, new] = [history.pixels(), clipped.pixels()];
         let lengths = length.pixels().plane();
-        out.fill(py, length.shape(), |shortened| {
+        out.fill(py, |shortened| {
             let shortened = PixelsMut::bands(size, 1, shortened);
             anti_lag::anti_lag(lengths, old, new, strength, shortened);
         })?
@@ -551,14 +550,13 @@ pub fn alternation_<'py>(
         let size = color.size();
         let channels = Channels::Of(&[alternation::CHANNELS]);
         let memory = Input::<f32>::optional(memory, "memory", channels, size)?;
-        let shape = [size.height, size.width, alternation::CHANNELS];
-        let out = Out::given(out, &shape)?;
+        let out = Out::given(out, &[size.height, size.width, alternation::CHANNELS])?;
         let (color, memory) = (color.pixels(), memory.as_ref().map(Input::pixels));
         let known = memory.map(|memory| alternation::Known {
             memory,
             coverage: None,
         });
-        out.fill(py, &shape, |next| {
+        out.fill(py, |next| {
             let next = PixelsMut::bands(size, alternation::CHANNELS, next);
             alternation::alternation(color, known, exposure, next);
         })?
@@ -640,10 +638,9 @@ pub fn temporal_gradient<'py>(
         let color = Input::<f32>::new(color, "color", COLOR)?;
         let size = color.size();
         let previous = Input::<f32>::of_size(previous, "previous", COLOR, size)?;
-        let shape = [size.height, size.width];
-        let out = Out::given(out, &shape)?;
+        let out = Out::given(out, &[size.height, size.width])?;
         let [color, previous] = [color.pixels(), previous.pixels()];
-        out.fill(py, &shape, |gradient| {
+        out.fill(py, |gradient| {
             gradient::temporal_gradient(color, previous, None, params, gradient);
         })?
     };

@@ -447,10 +447,9 @@ pub fn converge_<'py>(
             input(moments, "moments", MOMENTS)?,
             input(history_length, "history_length", Channels::One)?,
         ];
-        let shape = [size.height, size.width, 3];
-        let out = Out::given(out, &shape)?;
+        let out = Out::given(out, &[size.height, size.width, 3])?;
         let (color, history) = (color.pixels(), history.each_ref().map(Input::pixels));
-        out.fill(py, &shape, |shown| {
+        out.fill(py, |shown| {
             shown.copy_from_slice(color.to_interleaved().data_mut());
             converge::converge(shown, history, exposure, strictness);
         })?
@@ -551,7 +550,7 @@ pub fn resolve_<'py>(
             .map(|image| image.pixels())
             .zip(offsets)
             .collect();
-        out.fill(py, shape, |image| {
+        out.fill(py, |image| {
             resolve::resolve(&frames, filter, PixelsMut::bands(size, channels, image));
         })?
     };
@@ -651,7 +650,7 @@ pub fn blend_<'py>(
         let out = Out::given(out, color.shape())?;
         let [new, old] = [color.pixels(), history.pixels()];
         let alpha = alpha.data();
-        out.fill(py, color.shape(), |blended| {
+        out.fill(py, |blended| {
             blend::blend(new, old, alpha, params, PixelsMut::bands(size, 3, blended));
         })?
     };

@@ -138,8 +138,8 @@ pub fn regress_<'py>(
         };
         let weight = weight.as_ref().map(|weight| weight.pixels());
         let color = color.pixels();
-        let mut fitted = Direct::new(py, out.0, &[height, width, 3])?;
-        let mut used = Direct::new(py, out.1, &[height, width])?;
+        let mut fitted = Direct::new(py, out.0)?;
+        let mut used = Direct::new(py, out.1)?;
         let (colors, counts) = (fitted.data()?, used.data()?);
         detached(py, || {
             regress::regress(color, given, weight, params, colors, counts)

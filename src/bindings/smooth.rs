@@ -148,10 +148,9 @@ pub fn estimate_variance_<'py>(
         let size = moments.size();
         let length = Input::<f32>::of_size(history_length, "history_length", Channels::One, size)?;
         let guide = GuideArgs::new(size, depth, normal, ids)?;
-        let shape = [size.height, size.width];
-        let out = Out::given(out, &shape)?;
+        let out = Out::given(out, &[size.height, size.width])?;
         let (moments, length, guide) = (moments.pixels(), length.pixels(), guide.surface());
-        out.fill(py, &shape, |variance| {
+        out.fill(py, |variance| {
             let guide = Guide::new(size, params.radius, guide, None);
             let estimate = Estimate::new(moments, length, &guide, params);
             estimate_variance(&estimate, variance);
@@ -235,7 +234,7 @@ pub fn restore_detail_<'py>(
         let out = Out::given(out, smooth.shape())?;
         let [coarse, fine] = [smooth.pixels(), noisy.pixels()];
         let variance = variance.pixels().plane();
-        out.fill(py, smooth.shape(), |restored| {
+        out.fill(py, |restored| {
             let restored = PixelsMut::bands(size, 3, restored);
             restore_detail(coarse, fine, variance, params, restored);
         })?
@@ -624,10 +623,9 @@ pub fn fix_history_<'py>(
         let size = color.size();
         let length = Input::<f32>::of_size(history_length, "history_length", Channels::One, size)?;
         let guide = GuideArgs::new(size, depth, normal, ids)?;
-        let shape = color.shape();
-        let out = Out::given(out, shape)?;
+        let out = Out::given(out, color.shape())?;
         let (color, length, guide) = (color.pixels(), length.pixels().plane(), guide.surface());
-        out.fill(py, shape, |fixed| {
+        out.fill(py, |fixed| {
             let color = color.to_planes();
             let guide = Guide::new(size, params.reach(), guide, None);
             let image = history_fix::fix_history(color.view(), length, &guide, params);
@@ -663,7 +661,7 @@ fn modulate<'py>(
             emission,
             mask,
         };
-        out.fill(py, image.shape(), |modulated| {
+        out.fill(py, |modulated| {
             let modulated = PixelsMut::bands(values.size, 3, modulated);
             demodulate::modulate(values, texture, way, modulated);
         })?
@@ -750,13 +748,12 @@ pub fn is_reflectance_<'py>(
         let albedo = Input::<f32>::new(albedo, "albedo", COLOR)?;
         let size = albedo.size();
         let guide = GuideArgs::new(size, depth, normal, ids)?;
-        let shape = [size.height, size.width];
-        let out = Out::<bool>::given(out, &shape)?;
+        let out = Out::<bool>::given(out, &[size.height, size.width])?;
         let (albedo, guide) = (albedo.pixels(), guide.surface());
         let Some(surfaces) = detached(py, || Surfaces::of(albedo, &guide))? else {
             return Ok(None);
         };
-        let mask = out.bytes()?.fill(py, &shape, |mask| {
+        let mask = out.bytes()?.fill(py, |mask| {
             mask.copy_from_slice(surfaces.mask().plane(0));
         })?;
         (mask, out)
@@ -829,10 +826,9 @@ pub fn material_ids_<'py>(
         let albedo = Input::<f32>::new(albedo, "albedo", COLOR)?;
         let size = albedo.size();
         let guide = GuideArgs::new(size, depth, normal, None)?;
-        let shape = [size.height, size.width];
-        let out = Out::<u32>::given(out, &shape)?;
+        let out = Out::<u32>::given(out, &[size.height, size.width])?;
         let (albedo, guide) = (albedo.pixels(), guide.surface());
-        out.fill(py, &shape, |ids| {
+        out.fill(py, |ids| {
             let surfaces = Surfaces::of(albedo, &guide);
             let materials = Materials::of(albedo, surfaces.as_ref(), &guide);
             ids.copy_from_slice(materials.counted().plane(0));
@@ -1030,10 +1026,9 @@ pub fn morphological_aa_<'py>(
     params.check()?;
     let smooth = {
         let color = Input::<f32>::new(color, "color", COLOR)?;
-        let shape = color.shape();
-        let out = Out::given(out, shape)?;
+        let out = Out::given(out, color.shape())?;
         let color = color.pixels();
-        out.fill(py, shape, |smooth| {
+        out.fill(py, |smooth| {
             let color = color.to_planes();
             let image = morphological::morphological_aa(color.view(), params);
             image.view().interleave(smooth);

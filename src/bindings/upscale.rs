@@ -186,7 +186,7 @@ pub fn disocclusion_<'py>(
         let motion = Input::<f32>::of_size(motion, "motion", MOTION, size)?;
         let out = Out::given(out, depth.shape())?;
         let (depths, motions) = (depth.pixels().plane(), motion.pixels());
-        out.fill(py, depth.shape(), |share| {
+        out.fill(py, |share| {
             let share = PixelsMut::bands(size, 1, share);
             disocclusion::disocclusion(depths, motions, separation, share);
         })?
@@ -250,10 +250,9 @@ pub fn thin_features_<'py>(
     let thin = {
         let color = Input::<f32>::new(color, "color", COLOR)?;
         let size = color.size();
-        let shape = [size.height, size.width];
-        let out = Out::given(out, &shape)?;
+        let out = Out::given(out, &[size.height, size.width])?;
         let pixels = color.pixels();
-        out.fill(py, &shape, |thin| {
+        out.fill(py, |thin| {
             let thin = PixelsMut::bands(size, 1, thin);
             thin_features::thin_features(pixels, similarity, thin);
         })?
@@ -324,7 +323,7 @@ pub fn sharpen_<'py>(
         let size = color.size();
         let out = Out::given(out, color.shape())?;
         let pixels = color.pixels();
-        out.fill(py, color.shape(), |sharpened| {
+        out.fill(py, |sharpened| {
             sharpen::sharpen(pixels, params, PixelsMut::bands(size, 3, sharpened));
         })?
     };

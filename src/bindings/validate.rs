@@ -289,8 +289,8 @@ pub fn consistency_<'py>(
         let [first, second] = parts(out.as_ref())?;
         let out = (Out::given(first, &shape)?, Out::given(second, &shape)?);
         let (motion, tests, before) = (motion.pixels(), surface.tests(), surface.previous_motion());
-        let mut rejection = Direct::new(py, out.0, &shape)?;
-        let mut confidence = Direct::new(py, out.1, &shape)?;
+        let mut rejection = Direct::new(py, out.0)?;
+        let mut confidence = Direct::new(py, out.1)?;
         {
             let (rejection, confidence) = (rejection.data()?, confidence.data()?);
             detached(py, || {

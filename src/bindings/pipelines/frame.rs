@@ -145,12 +145,12 @@ impl<'py> FrameArgs<'py> {
     pub(super) fn recall(self, py: Python<'py>, pipeline: &mut Svgf) -> PyResult<History> {
         let Size { height, width } = self.size();
         let shapes: [&[usize]; 3] = [&[height, width, 3], &[height, width, 2], &[height, width]];
-        let mut color = Direct::new(py, Out::fresh(), shapes[0])?;
-        let mut moments = Direct::new(py, Out::fresh(), shapes[1])?;
-        let mut length = Direct::new(py, Out::fresh(), shapes[2])?;
-        let mut confidence = Direct::new(py, Out::fresh(), shapes[2])?;
-        let mut rejection = Direct::<u8>::new(py, Out::fresh(), shapes[2])?;
-        let mut motion = Direct::new(py, Out::fresh(), shapes[1])?;
+        let mut color = Direct::new(py, Out::fresh(shapes[0]))?;
+        let mut moments = Direct::new(py, Out::fresh(shapes[1]))?;
+        let mut length = Direct::new(py, Out::fresh(shapes[2]))?;
+        let mut confidence = Direct::new(py, Out::fresh(shapes[2]))?;
+        let mut rejection = Direct::<u8>::new(py, Out::fresh(shapes[2]))?;
+        let mut motion = Direct::new(py, Out::fresh(shapes[1]))?;
         let expected = pipelines::HistoryMut {
             color: color.data()?,
             moments: moments.data()?,

@@ -107,7 +107,7 @@ impl<'py> Room<'py> {
             shape: &[usize],
         ) -> PyResult<Direct<'py, T>> {
             let given = given.map(|array| array.bind(py).clone().into_any());
-            Direct::new(py, Out::given(given, shape)?, shape)
+            Direct::new(py, Out::given(given, shape)?)
         }
         size.check("frame")?;
         let out = out.map(Bound::get);
