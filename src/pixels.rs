@@ -221,6 +221,15 @@ pub struct MotionRun<'a> {
     pub depth: Option<&'a [f32]>,
 }
 
+/// Reads the motion of a run; the change of depth only if there is one.
+#[inline(always)]
+pub fn read_motion(motion: &Pixels, run: Run, [x, y, depth]: [&mut [f32]; 3]) {
+    match motion.channels {
+        3 => motion.read(run, [x, y, depth]),
+        _ => motion.read(run, [x, y]),
+    }
+}
+
 /// Line buffers for the motion of a run.
 pub struct MotionLanes([Row; 3]);
 
@@ -232,11 +241,7 @@ impl MotionLanes {
     #[inline(always)]
     pub fn load(&mut self, motion: &Pixels, run: Run) -> MotionRun<'_> {
         let Self(lanes) = self;
-        let [x, y, depth] = lanes.each_mut().map(Row::as_mut_slice);
-        match motion.channels {
-            3 => motion.read(run, [x, y, depth]),
-            _ => motion.read(run, [x, y]),
-        }
+        read_motion(motion, run, lanes.each_mut().map(Row::as_mut_slice));
         let [x, y, depth] = lanes.each_ref().map(|lane| &lane[..run.len]);
         MotionRun {
             x,

@@ -368,7 +368,7 @@ impl<'a> Inputs<'a> {
         };
         let (found, rest) = innovation(&samples, weight, &shown, known, bright, params);
         if let Some(detailed) = detailed {
-            let behind = PixelsMut::planar(size, history.data_mut());
+            let behind = history.pixels_mut();
             correct(&found, size, LEAST, detailed.pixels_mut(), Some(behind));
         } else {
             let (accumulated, fits) = history.data_mut().split_at_mut(FITS.start * size.pixels());

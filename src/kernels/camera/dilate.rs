@@ -22,7 +22,7 @@ use crate::error::{Result, in_range};
 use crate::image::{Image, Pixels, Run, SEGMENT, View, segments};
 use crate::kernels::camera::motion::is_still;
 use crate::math::{larger, smaller};
-use crate::pixels::{PixelsMut, Rolling, Row, lanes};
+use crate::pixels::{PixelsMut, Rolling, Row, lanes, read_motion};
 use crate::rows::{self, Kernel, Simd};
 
 /// The neighbours that are searched.
@@ -224,10 +224,8 @@ fn rank(motion: &Pixels, choice: Choice, row: Run, [ranks, offered, x, y, z]: [&
     let n = row.len;
     let offered = &mut offered[..n];
     let (ranks, x, y, z) = (&mut ranks[..n], &mut x[..n], &mut y[..n], &mut z[..n]);
-    if motion.channels == 3 {
-        motion.read(row, [&mut *x, y, z]);
-    } else {
-        motion.read(row, [&mut *x, y]);
+    read_motion(motion, row, [&mut *x, y, z]);
+    if motion.channels != 3 {
         z.fill(0.0);
     }
     match choice {
@@ -254,7 +252,7 @@ fn rank(motion: &Pixels, choice: Choice, row: Run, [ranks, offered, x, y, z]: [&
     {
         let mut lanes = [[0.0; SEGMENT]; 2];
         for run in segments(row.y, n) {
-            still.part(0..2).read_rows(run, &mut lanes);
+            still.read_rows(run, &mut lanes);
             for i in 0..run.len {
                 let at = run.x + i;
                 let moves = !is_still([x[at], y[at]], [lanes[0][i], lanes[1][i]]);
@@ -307,12 +305,7 @@ impl<'a> Kernel for Dilate<'a> {
             dilation.roll(y, y == rows.start);
             for run in segments(y, self.motion.size.width) {
                 dilation.choose(run, &mut chosen);
-                let [x, y, z] = chosen.each_ref().map(Row::as_slice);
-                if self.motion.channels == 3 {
-                    dilated.write(run, [x, y, z]);
-                } else {
-                    dilated.write(run, [x, y]);
-                }
+                dilated.write(run, &chosen[..self.motion.channels]);
             }
         }
     }

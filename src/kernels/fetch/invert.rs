@@ -17,9 +17,9 @@
 use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use crate::image::{Pixels, Run, SEGMENT, Size, segments};
+use crate::image::{Pixels, SEGMENT, Size, segments};
 use crate::kernels::camera::motion::is_still;
-use crate::pixels::{PixelsMut, Row};
+use crate::pixels::{PixelsMut, Row, read_motion};
 use crate::rows::{self, Kernel, Simd};
 
 /// Writes the motion to the next frame.
@@ -151,8 +151,8 @@ impl<'a> Kernel for Gather<'_, 'a> {
         let mut moved = [[0.0; SEGMENT]; 3];
         let mut still = [[f32::NAN; SEGMENT]; 3];
         for run in rows.flat_map(|y| segments(y, size.width)) {
-            if let Some(image) = self.still {
-                load(image, run, &mut still);
+            if let Some(image) = &self.still {
+                read_motion(image, run, still.each_mut().map(Row::as_mut_slice));
             }
             for i in 0..run.len {
                 let point = self.point(run.x + i, run.y);
@@ -167,14 +167,5 @@ impl<'a> Kernel for Gather<'_, 'a> {
             }
             out.write(run, &moved[..channels]);
         }
-    }
-}
-
-#[inline(always)]
-fn load(image: Pixels, run: Run, into: &mut [Row; 3]) {
-    let [x, y, z] = into.each_mut().map(Row::as_mut_slice);
-    match image.channels {
-        2 => image.read(run, [x, y]),
-        _ => image.read(run, [x, y, z]),
     }
 }

@@ -8,7 +8,7 @@ use crate::kernels::camera::depth_change::depth_change;
 use crate::kernels::camera::motion::{Geometry, Transforms, is_still, motion_vectors};
 use crate::kernels::camera::pinhole::Camera;
 use crate::math::is_present;
-use crate::pixels::{MotionLanes, MotionRun, PixelsMut, Row};
+use crate::pixels::{MotionLanes, MotionRun};
 use crate::rows::{self, Kernel, Simd};
 
 impl<'a> Frame<'a> {
@@ -72,8 +72,7 @@ fn is_zero(motion: Pixels) -> bool {
     let mut row = [[0.0; SEGMENT]; 2];
     let mut runs = (0..motion.size.height).flat_map(|y| segments(y, motion.size.width));
     runs.all(|run| {
-        let rows = row.each_mut().map(Row::as_mut_slice);
-        motion.part(0..2).read(run, rows);
+        motion.read_rows(run, &mut row);
         let moves = |v: &f32| v.abs() > NO_MOTION;
         !row.iter().any(|row| row[..run.len].iter().any(moves))
     })
@@ -83,7 +82,7 @@ fn is_zero(motion: Pixels) -> bool {
 pub fn still_motion(size: Size, geometry: Geometry, camera: &Camera, previous: &Camera) -> Image {
     let mut motion = Image::blank(size, 3);
     let still = Transforms::default();
-    let out = PixelsMut::planar(size, motion.data_mut());
+    let out = motion.pixels_mut();
     motion_vectors(geometry, camera, previous, None, &still, out);
     motion
 }
