@@ -533,14 +533,8 @@ impl Current<'_> {
         };
         let known = innovation::Known::of(evidence.as_ref(), motion);
         let fresh = &self.fresh();
-        Some(innovation(
-            fresh,
-            None,
-            &prediction,
-            known,
-            exposure,
-            params,
-        ))
+        let found = innovation(fresh, None, &prediction, known, exposure, params);
+        Some(found)
     }
 
     /// The light in which the next frame looks for reflections, with the distances that have won.

@@ -172,31 +172,20 @@ impl Stage {
         };
         let params = params.exposed(bright);
         let lag = self.lag(frame, motion, &input, bright);
-        let out = PixelsMut::bands(color.size, 3, shown);
-        let missing = self.step(
-            params,
-            color,
-            lag.as_ref(),
-            motion,
-            choice,
-            out,
-            input.others,
-        );
+        let (out, others) = (PixelsMut::bands(color.size, 3, shown), input.others);
+        let missing = self.step(params, color, lag.as_ref(), motion, choice, out, others);
         drop(still);
-        self.correct(
-            input.correction,
-            samples,
-            input.weight,
-            motion,
-            bright,
-            shown,
-        );
-        if let Origin::Denoiser { repeats } = input.origin {
+        let (correction, weight) = (input.correction, input.weight);
+        self.correct(correction, samples, weight, motion, bright, shown);
+        if let Origin::Denoiser { repeats } = input.origin
+            && let Some(history) = self.history.as_mut().filter(|_| self.params.choice)
+        {
             let noise = mix::SampleNoise {
                 repeats,
                 jittered: frame.jitter.is_some(),
             };
-            self.mix(samples, color, motion, bright, noise, shown);
+            let seen = history.seen.take();
+            history.seen = Some(mix(seen, samples, color, motion, bright, noise, shown));
         }
         missing
     }
@@ -305,22 +294,6 @@ impl Stage {
             first,
         });
         missing
-    }
-
-    /// Mixes samples and denoised colour into what [`Self::step`] has shown of the latter, if the parameters say so.
-    fn mix(
-        &mut self,
-        samples: Pixels,
-        denoised: Pixels,
-        motion: Pixels,
-        exposure: f32,
-        noise: mix::SampleNoise,
-        shown: &mut [f32],
-    ) {
-        if let Some(history) = self.history.as_mut().filter(|_| self.params.choice) {
-            let seen = history.seen.take();
-            history.seen = Some(mix(seen, samples, denoised, motion, exposure, noise, shown));
-        }
     }
 
     /// Corrects what [`Self::step`] has shown by the innovation of the frame's samples, and with it the history if that is fed

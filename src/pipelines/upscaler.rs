@@ -239,16 +239,8 @@ impl Past {
         let (mut coverage, mut rejection) = (Image::new(size, 1), Image::new(size, 1));
         let history = before.and_then(|before| {
             let history = [before.history.pixels()];
-            let (covered, rejected) = (coverage.data_mut(), rejection.data_mut());
-            reproject(
-                &history,
-                motion,
-                Tests::none(),
-                FETCH,
-                covered,
-                Some(rejected),
-            )
-            .pop()
+            let (covered, rejected) = (coverage.data_mut(), Some(rejection.data_mut()));
+            reproject(&history, motion, Tests::none(), FETCH, covered, rejected).pop()
         });
         Self {
             history: history.unwrap_or_else(|| Image::new(size, CHANNELS)),

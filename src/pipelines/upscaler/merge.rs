@@ -79,14 +79,8 @@ impl<'a> Kernel for Merge<'a> {
             self.find_trust(run, &mut found);
             self.find_weights(run, motion, &color, &mut found);
             let unclipped = old.each_ref().map(|row| &row[..run.len]);
-            mix(
-                unclipped,
-                &clipped,
-                &found.hold,
-                Weighting::None,
-                1.0,
-                &mut merged,
-            );
+            let hold = &found.hold;
+            mix(unclipped, &clipped, hold, Weighting::None, 1.0, &mut merged);
             let new = color.each_ref().map(|row| &row[..run.len]);
             mix(new, &merged, &found.factor, Weighting::None, 1.0, &mut old);
             let [r, g, b] = old.each_ref().map(Row::as_slice);
