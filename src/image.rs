@@ -491,7 +491,7 @@ impl Pixels<'_> {
         image
     }
 
-    /// [`Self::read`] for arrays.
+    /// Loads the first `N` channels of a run into line buffers of a segment each.
     #[inline(always)]
     pub(crate) fn read_rows<const N: usize>(&self, run: Run, into: &mut [[f32; SEGMENT]; N]) {
         self.read(run, into.each_mut().map(<[f32; SEGMENT]>::as_mut_slice));
