@@ -115,6 +115,32 @@ def test_cameras_are_stored_for_row_vectors(tmp_path):
         assert_same_bits(stored, matrix.T.astype(np.float32))
 
 
+@pytest.mark.parametrize("corner", [(90, 24), (-40, 24), (32, -30), (32, 80), (160, 120), (-100, -80)])
+def test_a_principal_point_outside_the_image(tmp_path, corner):
+    """As in a crop of a larger image: what other renderers' matrices are recognised by does not hold."""
+    camera = yester.Camera.from_look_at([1, 2, 5], [0, 0, 0], [0, 1, 0], 45, 64, 48, principal_point=corner)
+    io.write_exr(tmp_path / "a.exr", yester.Frame(np.zeros((48, 64, 3)), camera=camera))
+    same_camera(io.read_exr(tmp_path / "a.exr").camera, camera)
+    io.write_exr(tmp_path / "b.exr", np.ones((48, 64, 3)), like=io.read_plate(tmp_path / "a.exr"))
+    same_camera(io.read_exr(tmp_path / "b.exr").camera, camera)
+
+
+def test_a_point_at_the_corner_of_the_view_is_no_orthographic_camera(tmp_path):
+    """The world's origin has the coordinates 0 0 0 in NDC, as the last column of an orthographic matrix has."""
+    clip = [[1, 0, 1, -5], [0, 1, -1, 5], [0, 0, 1, 0], [0, 0, -1, 5]]
+    camera = yester.Camera(clip, 64, 48)
+    io.write_exr(tmp_path / "a.exr", yester.Frame(np.zeros((48, 64, 3)), camera=camera))
+    same_camera(io.read_exr(tmp_path / "a.exr").camera, camera)
+
+
+@pytest.mark.parametrize("scale", [1e-300, 1e-42, 1e39, 1e300])
+def test_scaled_matrices(tmp_path, scale):
+    camera = cameras()[0]
+    scaled = yester.Camera(scale * camera.world_to_clip, 31, 17)
+    io.write_exr(tmp_path / "a.exr", yester.Frame(np.zeros((17, 31, 3)), camera=scaled))
+    same_camera(io.read_exr(tmp_path / "a.exr").camera, camera)
+
+
 @pytest.mark.parametrize("scale", [1.0, -40.0, 1e-3])
 @pytest.mark.parametrize("convention", ["imath", "pbrt", "houdini", "right-handed"])
 @pytest.mark.parametrize("camera", cameras(), ids=str)

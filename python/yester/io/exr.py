@@ -1,14 +1,15 @@
 """Multichannel EXR files: our own layers, and those of the renderers in `channels`.
 
 Cameras are kept in the standard attributes ``worldToCamera`` (to +X right, +Y up, +Z forward) and ``worldToNDC`` (to
-[0, 1] over the display window, y down), both as Imath has them: for row vectors, in single precision. The jitter of a
-frame's samples is in an attribute of ours, ``jitter``: two numbers, in pixels, x right, y down. Another one,
-``yester.color``, lists the channels of a result beside which the noisy colour is kept.
+[0, 1] over the display window, y down), both as Imath has them: for row vectors, in single precision. Attributes of
+ours: ``yester.camera`` says how the matrices are stored; ``jitter`` is the offset of a frame's samples, two numbers, in
+pixels, x right, y down; ``yester.color`` lists the channels of a result beside which the noisy colour is kept.
 """
 
 from __future__ import annotations
 
 import glob
+import math
 import os
 import tempfile
 import warnings
@@ -41,6 +42,8 @@ _HALVED = {"color", "albedo", "normal", "emission", "object_normal", "replay"}
 _STORAGE = {"channels", "chunkCount", "compression", "lineOrder", "tiles", "type", "version"}
 #: Attribute that lists the channels of a result, if the noisy colour is in others.
 _RESULT = "yester.color"
+#: Attribute that says how the matrices of a camera are stored, and its value in files of ours.
+_LAYOUT, _OURS = "yester.camera", "row vectors, NDC from 0 to 1, y down"
 #: The largest float16.
 HALF_MAX = float(np.finfo(np.float16).max)
 #: Compressions that keep pixels, or that keep those that they have once stored, by the names that OpenEXR gives them.
@@ -342,9 +345,12 @@ def write_exr(
     if frame.camera is not None:
         crop = _crop(header) if like is not None else np.eye(4)
         to_ndc = np.linalg.inv(_NDC_TO_CLIP @ crop) @ frame.camera.world_to_clip
+        # The scale is free, and would overflow in single precision. Dividing by a power of two keeps all digits.
+        to_ndc = np.ldexp(to_ndc, -round(math.log2(math.hypot(*to_ndc[3, :3]))))
         for name, matrix in {"worldToCamera": frame.camera.world_to_camera, "worldToNDC": to_ndc}.items():
             # For row vectors. OpenEXR copies the memory of an array, whatever its strides.
             header[name] = np.ascontiguousarray(matrix.T, np.float32)
+        header[_LAYOUT] = _OURS
     if frame.jitter is not None:
         header["jitter"] = np.array(frame.jitter)
     if like is not None and like.kept:
@@ -662,7 +668,7 @@ class Contents:
 
     def cameras(self) -> list[View]:
         attributes = self.attributes("worldToNDC", "worldToCamera")
-        given = {name: attributes[name] for name in ("worldToNDC", "worldToCamera") if name in attributes}
+        given = {name: attributes[name] for name in ("worldToNDC", "worldToCamera", _LAYOUT) if name in attributes}
         return _cameras(self.path, self.header | given)
 
     def jitter(self) -> tuple[float, float] | None:
@@ -914,7 +920,8 @@ def _cameras(path: Path, header: dict[str, Any]) -> list[View]:
         stored = [np.asarray(matrix, np.float64) for matrix in given if isinstance(matrix, np.ndarray)]
     if len(stored) < len(given) or any(one.shape != (4, 4) or not np.isfinite(one).all() for one in stored):
         raise ValueError(f"{path}: worldToNDC, worldToCamera: expected finite (4, 4) matrices")
-    if any(not row[:3].any() and row[3] for row in (stored[0][3], stored[0].T[3])):
+    ours = str(header.get(_LAYOUT)) == _OURS
+    if not ours and any(not row[:3].any() and row[3] for row in (stored[0][3], stored[0].T[3])):
         return []
     height, width = _size(header)
     views: list[View] = []
@@ -922,7 +929,9 @@ def _cameras(path: Path, header: dict[str, Any]) -> list[View]:
     # into the same attributes. So did Yester 0.2, but for the usual NDC.
     rows, usual = [matrix.T for matrix in stored], np.eye(4)
     layouts = [(rows, usual), (rows, np.linalg.inv(_NDC_TO_CLIP)), (stored, usual), (stored, _pbrt_to_ndc(header))]
-    if "renderTimeSeconds" in header:
+    if ours:
+        layouts = layouts[:1]
+    elif "renderTimeSeconds" in header:
         layouts.reverse()
     candidates = [(screen @ to_ndc, *to_camera) for (to_ndc, *to_camera), screen in layouts]
     for to_ndc, *to_camera in sorted(candidates, key=_implausibility):
