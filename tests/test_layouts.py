@@ -507,6 +507,39 @@ def test_parts_named_like_layers(tmp_path):
     assert_same_bits(frame.depth, planes["depth"]["Z"])
 
 
+def parts(path, **values):
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    planes = {name: {c: np.full((5, 7), value, np.float32) for c in "RGB"} for name, value in values.items()}
+    OpenEXR.File([OpenEXR.Part(dict(header), own, name) for name, own in planes.items()]).write(str(path))
+
+
+@pytest.mark.parametrize("name", ["rgba", "RGBA", "rgb", "color", "beauty", "shot.Beauty"])
+def test_a_part_named_like_colour(tmp_path, name):
+    """It is read and replaced, wherever it is among parts with the same components."""
+    parts(tmp_path / "a.exr", AO=1, **{name: 2}, diffuse=3)
+    assert (io.read_exr(tmp_path / "a.exr").color == 2).all()
+    assert io.describe(tmp_path / "a.exr").remarks == ()
+    io.write_exr(tmp_path / "b.exr", np.full((5, 7, 3), 4.0), like=io.read_plate(tmp_path / "a.exr"))
+    written = OpenEXR.File(str(tmp_path / "b.exr"), separate_channels=True).parts
+    values = {part.name(): part.channels["R"].pixels[0, 0] for part in written}
+    assert values == {"AO": 1, name: 4, "diffuse": 3}
+
+
+def test_no_part_named_like_colour(tmp_path, capsys):
+    """The first one with red, green and blue, and a remark that it is a choice; none if a mapping chooses."""
+    parts(tmp_path / "a.exr", albedo=1, AO=2, diffuse=3)
+    frame = io.read_exr(tmp_path / "a.exr")
+    assert (frame.color == 2).all()
+    assert (frame.albedo == 1).all()
+    remark = "part AO is used as colour, not diffuse; --map color= chooses"
+    assert io.describe(tmp_path / "a.exr").remarks == (remark,)
+    assert main(["info", str(tmp_path / "a.exr")]) == 0
+    assert remark in capsys.readouterr().out
+    mapping = {"color": ["diffuse.R", "diffuse.G", "diffuse.B"]}
+    assert (io.read_exr(tmp_path / "a.exr", mapping=mapping).color == 3).all()
+    assert io.describe(tmp_path / "a.exr", mapping=mapping).remarks == ()
+
+
 # Mappings
 
 

@@ -387,6 +387,15 @@ _UNREAL = Convention(
 #: The renderers, in the order in which equal evidence counts.
 CONVENTIONS = (_CYCLES, _PBRT, _MITSUBA, _ARNOLD, _RENDERMAN, _FALCOR, _VRAY, _MOONRAY, _UNREAL)
 
+#: Names of layers of colour, in lower case. A part of such a name is colour in files of any renderer.
+COLOR_NAMES = {"rgb"} | {
+    name.rpartition(".")[0].lower()
+    for convention in CONVENTIONS
+    for layer in convention.layers
+    if layer.buffer == "color"
+    for name in layer.names
+} - {""}
+
 #: The attribute that names a cryptomatte.
 _CRYPTO_NAME = re.compile(r"cryptomatte/[^/]+/name")
 

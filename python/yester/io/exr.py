@@ -28,7 +28,7 @@ from .._core import Camera
 from ..frame import Frame
 from ..messages import few
 from . import layout
-from .channels import CANONICAL, Recognised, guesses, missing, recognise
+from .channels import CANONICAL, COLOR_NAMES, Recognised, guesses, missing, recognise
 from .convert import View, canonical, multipliers, notes
 from .files import beside
 from .mapping import Mapped, apply, load
@@ -692,7 +692,7 @@ def read_headers(path: Path, mapping: Mapped | None, view: str | None) -> Conten
     # Parts that are of a view say so themselves.
     default = str(next(iter(headers[0].get("multiView", ())), chosen))
     parts = [i for i, header in enumerate(headers) if str(header.get("view", chosen)) in (chosen, "")] or [0]
-    main = _main(headers, parts, views, default, chosen) if len(headers) > 1 else 0
+    main, *undecided = _coloured(headers, parts, views, default, chosen) if len(headers) > 1 else [0]
     places = _places(headers, [main, *(i for i in parts if i != main)], main)
     others = [i for i in range(len(headers)) if i not in parts]
     bare = _viewless(places, headers, views, default, chosen)
@@ -703,6 +703,10 @@ def read_headers(path: Path, mapping: Mapped | None, view: str | None) -> Conten
     attributes = {name: value for i in reversed(range(len(headers))) for name, value in headers[i].items()}
     known = recognise(bare, attributes, half, results)
     given = load(mapping)
+    if undecided and "channels" not in given.get("color", {}):
+        used, *left = (headers[i].get("name", i) for i in (main, *undecided))
+        remark = f"part {used} is used as colour, not {few(left)}; --map color= chooses"
+        known = replace(known, remarks=(*known.remarks, remark))
     try:
         known = apply(given, known, places)
     except ValueError as error:
@@ -721,17 +725,24 @@ def _views(headers: list[dict[str, Any]]) -> tuple[str, ...]:
     return tuple(dict.fromkeys([*named, *(str(header["view"]) for header in headers if header.get("view"))]))
 
 
-def _main(headers: list[dict[str, Any]], parts: list[int], views: tuple[str, ...], default: str, view: str) -> int:
-    """The part that has the colour: by the names of layers and parts, or else the first with components R, G and B."""
+def _coloured(
+    headers: list[dict[str, Any]], parts: list[int], views: tuple[str, ...], default: str, view: str
+) -> list[int]:
+    """The parts that may have the colour, by the names of layers and parts. The first one is used."""
     places = _places(headers, parts)
     attributes = {name: value for i in reversed(parts) for name, value in headers[i].items()}
-    known = recognise(_viewless(places, headers, views, default, view), attributes)
+    bare = _viewless(places, headers, views, default, view)
+    known = recognise(bare, attributes)
     if "color" in known.buffers:
-        return places[known.buffers["color"].target[0]][0]
+        return [places[known.buffers["color"].target[0]][0]]
     coloured = [i for i in parts if "color" in recognise(_names(headers[i])).buffers]
     # A part such as "albedo" has these components as well.
     other = {places[name][0] for buffer in known.buffers.values() for name in buffer.channels}
-    return next((i for i in coloured if i not in other), (coloured or parts)[0])
+    may = [i for i in coloured if i not in other]
+    # The name of a part stands before components without a layer.
+    layers = {places[name][0]: layer for name, layer in bare.items() if "." not in places[name][1]}
+    named = [i for i in may if layers.get(i, "").rpartition(".")[0].rpartition(".")[2].lower() in COLOR_NAMES]
+    return named or may or [*coloured, *parts][:1]
 
 
 def _results(header: dict[str, Any]) -> list[str]:
