@@ -138,6 +138,38 @@ def test_another_size_scales_the_windows(tmp_path, scale, low, high):
     np.testing.assert_allclose(back.project(points)[0], larger.project(points)[0], atol=1e-3)
 
 
+def test_motion_of_two_channels_replaces_three(tmp_path):
+    """The change of depth of the former motion does not stay."""
+    guides = {"depth": np.ones((4, 6)), "motion_next": np.zeros((4, 6, 3))}
+    io.write_exr(tmp_path / "a.exr", yester.Frame(np.ones((4, 6, 3)), motion=np.full((4, 6, 3), 7.0), **guides))
+    io.write_exr(
+        tmp_path / "b.exr",
+        yester.Frame(np.ones((4, 6, 3)), motion=np.zeros((4, 6, 2))),
+        like=io.read_plate(tmp_path / "a.exr"),
+    )
+    frame = io.read_exr(tmp_path / "b.exr")
+    assert frame.motion.shape == (4, 6, 2)
+    assert frame.motion_next.shape == (4, 6, 3)
+    assert (frame.depth == 1).all()
+
+
+@pytest.mark.parametrize("view", [None, "left"])
+def test_buffers_replace_those_in_other_parts(tmp_path, view):
+    """Those of parts without a view, which may be of both, stay, but the new ones are read."""
+    named = {"beauty": "RGB", "albedo": "RGB", "motion": "XYZ", "N": "XYZ"}
+    parts = [OpenEXR.Part(dict(STORAGE), planes(own, np.float32), name) for name, own in named.items()]
+    if view:
+        parts[0].header["view"] = view
+    OpenEXR.File(parts).write(str(tmp_path / "a.exr"))
+    albedo = np.full((HEIGHT, WIDTH, 3), 0.5, np.float32)
+    frame = yester.Frame(np.ones((HEIGHT, WIDTH, 3)), albedo=albedo)
+    io.write_exr(tmp_path / "b.exr", frame, like=io.read_plate(tmp_path / "a.exr"))
+    assert_same_bits(io.read_exr(tmp_path / "b.exr").albedo, albedo)
+    want, got = ({part.name() for part in OpenEXR.File(str(tmp_path / name)).parts} for name in ("a.exr", "b.exr"))
+    assert want - got == (set() if view else {"albedo"})
+    assert_same_bits(io.read_exr(tmp_path / "b.exr").motion, io.read_exr(tmp_path / "a.exr").motion)
+
+
 # The command line
 
 

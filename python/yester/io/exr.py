@@ -300,9 +300,10 @@ def write_exr(
     like : Plate, optional
         Everything that `frame` lacks is copied from here, bit for bit and in its own type: channels (alpha, other
         layers), windows, the remaining attributes of the header, and all other parts. Colour replaces the channels that
-        it was read from; of a file of Blender, those of the denoised image, which `read_exr` then reads. If `frame` has
-        another size, the windows are scaled to it, and the other channels, the other parts and the jitter are left out.
-        Pixels are stored as scanlines, whatever the source used.
+        it was read from; of a file of Blender, those of the denoised image, which `read_exr` then reads. Other buffers
+        replace all channels that files of Yester have for them, in parts of the same view. If `frame` has another size,
+        the windows are scaled to it, and the other channels, the other parts and the jitter are left out. Pixels are
+        stored as scanlines, whatever the source used.
 
     Raises
     ------
@@ -337,8 +338,10 @@ def write_exr(
         raise TypeError(f"like: expected what `read_plate` returns, got {type(like).__name__}")
     header: dict[str, Any] = {} if like is None else _attributes(like.main)
     channels: dict[str, Any] = {}
+    # All of them: beside motion of two components, a former third one must not stay.
+    given = {name for buffer in frame.buffers() if buffer != "color" for name in CANONICAL[buffer]}
     if like is not None and like.frame.shape == frame.shape:
-        channels |= like.main.channels
+        channels |= {name: channel for name, channel in like.main.channels.items() if name not in given}
     elif like is not None:
         header |= _scaled_windows(header, frame)
         header.pop("jitter", None)
@@ -369,7 +372,8 @@ def write_exr(
     main = exr.Part(header | _storage(exr, like and like.main, compression), channels, header.get("name", ""))
     parts = [main]
     if like is not None and like.frame.shape == frame.shape:
-        parts = [main if part is like.main else _copy(exr, part, compression) for part in like.parts]
+        parts = [main if part is like.main else _copy(exr, part, compression, given, like.main) for part in like.parts]
+        parts = [part for part in parts if part.channels]
     color = CANONICAL["color"] if like is None else like.color
     check_compression(compression, {name for part in parts for name in part.channels} - set(color))
     with beside(path) as temporary:
@@ -768,7 +772,7 @@ def _places(headers: list[dict[str, Any]], parts: list[int], main: int | None = 
         for own in _names(headers[i]):
             bare = "." not in own and name and len(headers) > 1 and i != main
             unique = f"{name}.{own}" if bare or own in places else own
-            places[unique] = (i, own)
+            places.setdefault(unique, (i, own))
     return places
 
 
@@ -885,8 +889,11 @@ def _storage(exr: Any, part: Any = None, compression: str | None = None) -> dict
     return {"compression": chosen, "type": exr.scanlineimage}
 
 
-def _copy(exr: Any, part: Any, compression: str | None) -> Any:
-    return exr.Part(_attributes(part) | _storage(exr, part, compression), dict(part.channels), part.name())
+def _copy(exr: Any, part: Any, compression: str | None, given: set[str], main: Any) -> Any:
+    """A part without the channels, of the main part's view, that are given anew."""
+    given = given if part.header.get("view") == main.header.get("view") else set()
+    kept = {own: one for own, one in part.channels.items() if given.isdisjoint((own, f"{part.name()}.{own}"))}
+    return exr.Part(_attributes(part) | _storage(exr, part, compression), kept, part.name())
 
 
 def _attributes(part: Any) -> dict[str, Any]:
