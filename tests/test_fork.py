@@ -1,6 +1,8 @@
 """Kernels in forked workers and in many threads: the same results, no deadlock, and Python runs on meanwhile."""
 
 import multiprocessing
+import os
+import subprocess
 import sys
 import threading
 import time
@@ -44,6 +46,47 @@ def test_fork_after_use():
     finally:
         for child in children:
             child.kill()
+
+
+def test_fork_of_a_network():
+    """It goes on with the history of its parent, which it shares with none."""
+    rng = np.random.default_rng(0)
+    first, second = (yester.Frame(rng.random((32, 40, 3)), albedo=np.ones((32, 40, 3))) for _ in range(2))
+    oidn, other = (yester.OIDN("fast", temporal=True) for _ in range(2))
+    oidn.step(first)
+    other.step(first)
+    want = other.step(second).color
+    context = multiprocessing.get_context("fork")
+    queue = context.Queue()
+    child = context.Process(target=lambda: queue.put(oidn.step(second).color), daemon=True)
+    child.start()
+    try:
+        assert_same_bits(queue.get(timeout=TIMEOUT), want)
+        assert_same_bits(oidn.step(second).color, want)
+        child.join(TIMEOUT)
+        assert child.exitcode == 0
+    finally:
+        child.kill()
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+def test_the_end_of_a_process_forked_beside_a_network():
+    """Its interpreter frees what it has, which must not wait for the network's threads."""
+    code = """if True:
+        import os
+        import signal
+        import numpy as np
+        import yester
+
+        oidn = yester.OIDN("fast")
+        oidn.step(yester.Frame(np.ones((32, 32, 3))))
+        if child := os.fork():
+            assert os.waitpid(child, 0)[1] == 0
+        signal.alarm(30)
+    """
+    run = [sys.executable, "-W", "ignore", "-c", code]
+    done = subprocess.run(run, capture_output=True, text=True, timeout=TIMEOUT, check=False)
+    assert done.returncode == 0, done.stderr
 
 
 class Frames(torch.utils.data.Dataset):

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import ctypes
+import os
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Literal
+from typing import Any, Literal
+from weakref import WeakSet
 
 import numpy as np
 from numpy.typing import NDArray
@@ -303,14 +306,21 @@ class Network:
         qualities = {"high": Quality.High, "balanced": Quality.Balanced, "fast": Quality.Fast}
         if quality not in qualities:
             raise ValueError(f"quality: expected one of {', '.join(qualities)}, got {quality}")
-        device = Device(DeviceType.CPU)
-        # A pool of its own: by default the device would run in Dr.Jit's, which has as many threads as the machine.
-        device.num_threads = settings()[0]
-        self._filter = device.new_filter("RT")
-        self._filter.hdr = True
-        self._filter.quality = qualities[quality]
+
+        def make() -> Any:
+            device = Device(DeviceType.CPU)
+            # A pool of its own: by default the device would run in Dr.Jit's, which has as many threads as the machine.
+            device.num_threads = settings()[0]
+            made = device.new_filter("RT")
+            made.hdr = True
+            made.quality = qualities[quality]
+            return made
+
+        self._make = make
+        self._filter: Any = make()
         #: The buffers that were used beside colour.
         self.guides: tuple[str, ...] = ()
+        _networks.add(self)
 
     def denoise(self, color: NDArray[np.float32], frame: Frame) -> NDArray[np.float32]:
         """Denoise a finite image with the frame's albedo and normals as guides."""
@@ -319,6 +329,7 @@ class Network:
 
     def take(self, color: NDArray[np.float32], frame: Frame) -> None:
         """Set the inputs of `run`, and a new output."""
+        self._filter = self._filter or self._make()
         guides = {}
         if frame.albedo is not None:
             guides["albedo"] = _finite(frame.albedo).clip(0, 1)
@@ -337,3 +348,22 @@ class Network:
         """Run the network; without another `take`, the next run overwrites the result."""
         self._filter.execute()
         return self._output
+
+    def abandon(self) -> None:
+        """Have `take` make another device. This one is never freed."""
+        if self._filter is not None:
+            ctypes.pythonapi.Py_IncRef(ctypes.py_object(self._filter))
+        self._filter, self.guides = None, ()
+
+
+_networks = WeakSet[Network]()
+
+
+def _forked() -> None:
+    """A forked process lacks the threads of its parent's devices. Whatever runs or frees them would wait forever."""
+    for network in _networks:
+        network.abandon()
+
+
+if hasattr(os, "register_at_fork"):  # not on Windows, where nothing forks
+    os.register_at_fork(after_in_child=_forked)
