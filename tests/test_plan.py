@@ -339,11 +339,22 @@ def test_saved_and_loaded(still, moving, tmp_path):
     odd.save(path)
     assert yester.Plan.load(path) == odd
     given = {"relative_depth": (0.1, 0.2), "reflections": (), "alpha": np.float32(0.25), "choice": np.bool_(False)}
-    yester.Plan(options=given).save(path)
-    assert yester.Plan.load(path) == yester.Plan(options=given)
-    with pytest.raises(ValueError, match=r"^options\.relative_albedo: .*None"):
-        yester.Plan(options={"relative_albedo": None}).save(path)
-    assert yester.Plan.load(path) == yester.Plan(options=given)
+    whole = yester.Stage("ids", used=True, loss=0, error=np.float32(0.5), ms=1)
+    saved = yester.Plan(options=given, stages=(whole,), reason="für 😀")
+    saved.save(path)
+    assert yester.Plan.load(path) == saved
+    for options, message in (
+        ({"relative_albedo": None}, "relative_albedo: expected a value that TOML has, got None"),
+        ({"reflections": np.array([0.5])}, "reflections: expected a value that TOML has, got array"),
+        ({"alpha": 3.0}, "alpha: expected"),
+        ({"alpha": "x"}, "alpha: must be real number"),
+    ):
+        with pytest.raises(ValueError, match=rf"^options\.{message}"):
+            yester.Plan(options=options).save(path)
+    for value in ("0", True, 0.5j):
+        with pytest.raises(ValueError, match=r"^stages\.loss: expected"):
+            yester.Plan(stages=(replace(whole, loss=value),)).save(path)
+    assert yester.Plan.load(path) == saved
     assert [each.name for each in tmp_path.iterdir()] == ["plan.toml"]
 
 

@@ -232,7 +232,8 @@ class Plan:
         OSError
             If the file cannot be written.
         ValueError
-            If an option is None, for which TOML has no value. No file is written.
+            If a value is one that TOML lacks, such as None, or that `load` would refuse. The message names it, and no
+            file is written.
 
         Examples
         --------
@@ -240,20 +241,20 @@ class Plan:
         >>> yester.Plan.load("plan.toml").options
         {'iterations': 2}
         """
-        for name, value in self.options.items():
-            if value is None:
-                raise ValueError(f"options.{name}: expected a value that TOML has, got None; leave the option out")
-        options = f"{{ {', '.join(f'{name} = {_toml(value)}' for name, value in self.options.items())} }}"
-        named = {name: _toml(value) for name, value in vars(self).items() if name not in ("options", "stages")}
+        options = ", ".join(f"{name} = {_toml(value, f'options.{name}')}" for name, value in self.options.items())
+        named = {name: _toml(value, name) for name, value in vars(self).items() if name not in ("options", "stages")}
         lines = [
             f"version = {_VERSION}",
-            f"options = {options}",
+            f"options = {{ {options} }}",
             *(f"{name} = {value}" for name, value in named.items()),
         ]
         for stage in self.stages:
-            lines += ["", "[[stages]]", *(f"{name} = {_toml(value)}" for name, value in vars(stage).items())]
+            lines += ["", "[[stages]]"]
+            lines += [f"{name} = {_toml(value, f'stages.{name}')}" for name, value in vars(stage).items()]
+        text = "\n".join(lines) + "\n"
+        _parsed(text)
         with beside(Path(path)) as temporary:
-            temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
+            temporary.write_text(text, encoding="utf-8")
 
     @staticmethod
     def load(path: str | os.PathLike[str]) -> Plan:
@@ -278,20 +279,9 @@ class Plan:
             names the file and the key.
         """
         try:
-            found = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+            return _parsed(Path(path).read_text(encoding="utf-8"))
+        except UnicodeDecodeError as error:
             raise ValueError(f"{path}: not a plan: {error}") from None
-        if (version := found.pop("version", None)) != _VERSION:
-            raise ValueError(f"{path}: version: expected {_VERSION}, got {version}")
-        try:
-            # The file of a default plan has no stages.
-            _check_keys({"stages": [], **found}, _KINDS)
-            for stage in found.setdefault("stages", []):
-                _check_keys(stage, _STAGE_KINDS, "stages.")
-            found["options"] = {n: tuple(v) if isinstance(v, list) else v for n, v in found["options"].items()}
-            _check_options(found["options"])
-            found |= {name: tuple(found[name]) for name in ("buffers", "without")}
-            return Plan(**found | {"stages": tuple(Stage(**stage) for stage in found["stages"])})
         except (TypeError, ValueError) as error:
             raise ValueError(f"{path}: {error}") from None
 
@@ -839,7 +829,8 @@ def _check_keys(found: Any, kinds: Mapping[str, type], prefix: str = "") -> None
     for name, kind in kinds.items():
         if name not in found:
             raise ValueError(f"{prefix}{name}: missing key")
-        if not isinstance(found[name], kind):
+        # TOML has integers, too, which are numbers as well.
+        if not isinstance(found[name], kind) and not (kind is float and type(found[name]) is int):
             raise ValueError(f"{prefix}{name}: expected {kind.__name__}, got {type(found[name]).__name__}")
 
 
@@ -851,10 +842,30 @@ def _check_options(options: Mapping[str, Any]) -> None:
             raise ValueError(f"options.{name}: {str(error).removeprefix(f'{name}: ')}") from None
 
 
-def _toml(value: Any) -> str:
+def _parsed(text: str) -> Plan:
+    """The plan that a file has; ValueError, with the key, if there is none."""
+    try:
+        found = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ValueError(f"not a plan: {error}") from None
+    if (version := found.pop("version", None)) != _VERSION:
+        raise ValueError(f"version: expected {_VERSION}, got {version}")
+    # The file of a default plan has no stages.
+    _check_keys({"stages": [], **found}, _KINDS)
+    for stage in found.setdefault("stages", []):
+        _check_keys(stage, _STAGE_KINDS, "stages.")
+    found["options"] = {n: tuple(v) if isinstance(v, list) else v for n, v in found["options"].items()}
+    _check_options(found["options"])
+    found |= {name: tuple(found[name]) for name in ("buffers", "without")}
+    return Plan(**found | {"stages": tuple(Stage(**stage) for stage in found["stages"])})
+
+
+def _toml(value: Any, name: str) -> str:
     """A value as TOML writes it: numbers as Python does, the rest as JSON."""
     if isinstance(value, np.generic):
         value = value.item()
     if isinstance(value, list | tuple):
-        return f"[{', '.join(map(_toml, value))}]"
-    return repr(float(value)) if isinstance(value, float) else json.dumps(value)
+        return f"[{', '.join(_toml(one, name) for one in value)}]"
+    if not isinstance(value, bool | int | float | str):
+        raise ValueError(f"{name}: expected a value that TOML has, got {value!r}")
+    return repr(float(value)) if isinstance(value, float) else json.dumps(value, ensure_ascii=False)
