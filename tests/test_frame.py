@@ -87,6 +87,8 @@ def test_subclasses_of_arrays():
     assert np.shares_memory(frame.depth, depth)
     with pytest.raises(TypeError, match=r"^color: expected an array without a mask, got a masked one"):
         yester.Frame(np.ma.masked_greater(color, 2))
+    with pytest.raises(TypeError, match=r"^jitter: expected an array without a mask, got a masked one"):
+        yester.Frame(color, jitter=np.ma.masked_array([0.1, 0.2], True))
 
 
 def test_read_only():

@@ -587,6 +587,11 @@ def test_values_that_are_no_floats_are_named(measure):
         measure(np.ma.masked_less(np.ones((11, 11, 3)), 2), *floats)
 
 
+def test_a_lag_of_masked_ghosts_is_refused():
+    with pytest.raises(TypeError, match=r"^ghosts: expected an array without a mask"):
+        lag(np.ma.masked_array([1.0, 0.5], [False, True]))
+
+
 def test_flip_without_its_package_names_the_extra(monkeypatch):
     monkeypatch.setitem(sys.modules, "flip_evaluator", None)
     with pytest.raises(ImportError, match=r"pip install 'yester\[demo\]'"):

@@ -135,9 +135,19 @@ def test_what_numpy_lacks():
     for take in (channels_last, yester.Frame):
         with pytest.raises(TypeError, match=r"got bfloat16, which numpy does not have: pass x\.float\(\)"):
             take(torch.ones(*SIZE, 3, dtype=torch.bfloat16))
+        negative = torch.ones(*SIZE, 3, dtype=torch.complex64).conj().imag
+        for lacking, remedy in ((negative, r"tensor\.resolve_neg"), (torch.ones(*SIZE, 3).to_sparse(), r"\.to_dense")):
+            with pytest.raises(TypeError, match=rf"^(images|color): expected an array, got Tensor, .*{remedy}"):
+                take(lacking)
     for take in (channels_last, channels_first):
         with pytest.raises(ValueError, match="images: expected shape"):
             take(torch.ones(24))
+
+
+@pytest.mark.parametrize("move", [channels_last, channels_first, lambda x: Denoiser(SIZE[::-1])(x)])
+def test_masks_are_refused(move):
+    with pytest.raises(TypeError, match=r"^(images|noisy): expected an array without a mask, got a masked one"):
+        move(np.ma.masked_array(np.ones((*SIZE, 3), np.float32), True))
 
 
 class Denoised(torch.utils.data.Dataset):

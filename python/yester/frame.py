@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ._core import Camera, canonical
-from .tensors import shared
+from .tensors import as_array, shared
 
 #: The buffers of a frame in canonical order.
 BUFFERS = (
@@ -227,7 +227,7 @@ def present(frame: Frame) -> NDArray[np.float32]:
 
 def _offset(jitter: ArrayLike) -> tuple[float, float]:
     """Validate a jitter offset."""
-    offset = np.asarray(jitter)
+    offset = as_array(jitter, "jitter")
     if offset.dtype.kind not in "fiu":
         raise TypeError(f"jitter: expected floats, got {offset.dtype}")
     if offset.shape != (2,):

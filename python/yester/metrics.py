@@ -663,7 +663,7 @@ def lag(ghosts: Sequence[float] | NDArray[np.floating], threshold: float = 0.1) 
     >>> metrics.lag([1.0, 0.5, 0.25, 0.05, 0.01])
     3
     """
-    values = np.asarray(ghosts, np.float64)
+    values = _unmasked("ghosts", ghosts).astype(np.float64)
     if values.ndim != 1:
         raise ValueError(f"ghosts: expected shape (T,), got {values.shape}")
     _finite("ghosts", values)

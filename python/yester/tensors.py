@@ -39,7 +39,7 @@ def channels_last(images: ArrayLike, *, copy: bool | None = None) -> NDArray[Any
     Raises
     ------
     TypeError
-        If it is a tensor that needs gradients, or on another device, or of a type that numpy lacks.
+        If it has a mask, or is a tensor that needs gradients, is on another device, or of a type that numpy lacks.
     ValueError
         If there are fewer than three axes; if `copy` is False and a view cannot be made.
 
@@ -105,14 +105,19 @@ def _ordered(array: NDArray[Any], copy: bool | None) -> NDArray[Any]:
 
 
 def shared(value: Any, name: str) -> Any:
-    """An array in the memory of an object that has DLPack but no conversion to numpy; any other value as it is.
+    """An array in the memory of a tensor, that is, of an object that has DLPack; any other value as it is.
 
-    TypeError if gradients would be lost: Dr.Jit converts tensors that have any without a word, where torch refuses.
+    TypeError if a mask would be lost, or gradients: Dr.Jit converts tensors that have any without a word, where torch
+    refuses.
     """
+    if np.ma.isMaskedArray(value):
+        got = "a masked one: x.filled(nan) marks what is missing"
+        raise TypeError(f"{name}: expected an array without a mask, got {got}")
     if type(value).__module__.startswith("drjit") and import_module("drjit").grad_enabled(value):
         raise TypeError(f"{name}: expected an array, got a tensor that needs gradients: pass drjit.detach(x)")
-    alone = hasattr(value, "__dlpack__") and not hasattr(value, "__array__")
-    return _read(np.from_dlpack, value, name) if alone else value
+    if isinstance(value, np.ndarray) or not hasattr(value, "__dlpack__"):
+        return value
+    return _read(np.asarray if hasattr(value, "__array__") else np.from_dlpack, value, name)
 
 
 def _array(images: Any, copy: bool | None) -> NDArray[Any]:
