@@ -270,6 +270,9 @@ def test_seeds():
     assert (still[0].color != still[1].color).any()
     (late,) = render_sequence(scene(), [VIEW], seed=4)
     assert_same_bits(still[1].color, late.color)
+    for options in ({}, {"spp": 2, "halves": True}, {"spp": 2, "buffers": False}):
+        largest = 2**32 // (4 if "halves" in options else 1) - 2
+        assert len(list(render_sequence(scene(), [VIEW, VIEW], seed=largest, **options))) == 2
 
 
 # Motion
@@ -766,6 +769,9 @@ SQUEEZED = yester.Camera(np.eye(4)[[0, 1, 3, 2]], 20, 10)
     [
         ({"spp": 0}, "spp: expected at least 1, got 0"),
         ({"seed": -1}, "seed: expected at least 0, got -1"),
+        ({"seed": 2**32}, "seed: expected at most 4294967294 for 2 frames of 1 samples, got 4294967296"),
+        ({"seed": 2**29 - 1, "spp": 4, "halves": True}, "seed: expected at most 536870910 for 2 frames of 4 samples"),
+        ({"seed": 2**32 - 1, "spp": 4, "buffers": False}, "seed: expected at most 4294967294"),
         ({"transforms": [{}]}, "transforms: expected one for each of 2 cameras, got 1"),
         ({"transforms": [{}, {"bal": np.eye(4)}]}, r"transforms: expected ids of shapes \(ball, cube, .*got 'bal'"),
         ({"transforms": [{}, {"ball": np.eye(3)}]}, r"transforms\['ball'\]: expected an invertible \(4, 4\) matrix"),

@@ -121,7 +121,8 @@ def render_sequence(
         Samples per pixel of colour, albedo and emission. The other buffers are always those of the first sample (with
         1, the very one that made the colour), because a mean of ids or of positions means nothing.
     seed : int, default 0
-        Not negative. Frame i is rendered as frame 0 would be with ``seed + i``. Same seed, same bits.
+        From 0. Frame i is rendered as frame 0 would be with ``seed + i``. Same seed, same bits. Mitsuba's own seeds, of
+        which each sample has another one (without buffers, each image), are below 2³².
     transforms : iterable of mapping of str to (4, 4) array_like, optional
         One per frame: by shape id, the matrix in world space that moves the shape from where the scene has it to where
         it is in this frame. Shapes that are not named stand where the scene has them.
@@ -189,6 +190,9 @@ def render_sequence(
     views = [stage.camera(view) for view in cameras]
     if len({(view.height, view.width) for view in views}) > 1:
         raise ValueError("cameras: expected all of the same size, got several")
+    most = 2**32 // ((2 if halves else 1) * (spp if buffers else 1)) - len(views)
+    if seed > most:
+        raise ValueError(f"seed: expected at most {most} for {len(views)} frames of {spp} samples, got {seed}")
     still: list[dict[str, Any]] = [{} for _ in views]
     poses = still if transforms is None else [stage.poses(named) for named in transforms]
     values = still if parameters is None else [stage.values(named) for named in parameters]
