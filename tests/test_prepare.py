@@ -1399,6 +1399,19 @@ def test_a_cluster_that_loses_a_worker(long, cluster, tmp_path):
 
 
 @pytest.mark.slow
+def test_workers_in_another_folder_read_the_same_files(cluster, tmp_path, monkeypatch):
+    """Relative paths are those of the process that calls `prepare`."""
+    here = tmp_path / "here"
+    for folder, value in ((tmp_path, 5), (here, 1)):
+        for name in ("in", "clean"):
+            write(folder / name / "a", [replace(frame, color=np.full_like(frame.color, value)) for frame in still(2)])
+    monkeypatch.chdir(here)
+    prepare("in", "out", buffers=["color", "reference"], references="clean", scheduler=cluster[0])
+    data = zarr.open_group(here / "out" / "a" / "data.zarr", mode="r")["full"]
+    assert [(data[name][:] == 1).all() for name in ("color", "reference")] == [True, True]
+
+
+@pytest.mark.slow
 def test_no_scheduler(inputs, tmp_path, monkeypatch):
     monkeypatch.setattr(run, "_PATIENCE", 1)
     with pytest.raises(OSError, match=r"tcp://127\.0\.0\.1:9: no Dask scheduler can be reached"):

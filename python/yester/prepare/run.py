@@ -145,6 +145,13 @@ class _Task:
         """The sequence's folder."""
         return self.folder / self.source.name
 
+    def anywhere(self) -> _Task:
+        """The task for a process that may run in another folder."""
+        files, references = (
+            tuple(path.absolute() for path in paths) for paths in (self.source.files, self.source.references)
+        )
+        return replace(self, source=replace(self.source, files=files, references=references))
+
     def inputs(self) -> dict[str, Any]:
         """What the sequence's manifest has about its inputs."""
         return {
@@ -221,7 +228,7 @@ def prepare(
         are cores, but no more than sequences.
     scheduler : str, optional
         Address of a Dask scheduler, such as ``"tcp://node1:8786"``, whose workers do the work instead. They must see
-        the inputs and `folder` under the same paths.
+        the inputs and `folder` under the same absolute paths.
     resume : bool, default False
         Go on where an earlier run with the same parameters stopped; its `buffers` are the default then. A sequence
         whose inputs are others by now, in their names, number or size, is prepared again.
@@ -803,7 +810,7 @@ def _on_cluster(tasks: list[_Task], client: Any) -> Generator[_Done, None, None]
     # Workers that vanish are seen to by the scheduler; only tasks are told apart here.
     futures = {
         client.submit(
-            _work, task, key=f"prepare-{_key(task.source.name)}-{run}", pure=False, retries=_ATTEMPTS - 1
+            _work, task.anywhere(), key=f"prepare-{_key(task.source.name)}-{run}", pure=False, retries=_ATTEMPTS - 1
         ): task
         for task in tasks
     }
