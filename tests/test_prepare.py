@@ -1416,4 +1416,17 @@ def test_no_scheduler(inputs, tmp_path, monkeypatch):
     monkeypatch.setattr(run, "_PATIENCE", 1)
     with pytest.raises(OSError, match=r"tcp://127\.0\.0\.1:9: no Dask scheduler can be reached"):
         prepare(inputs, tmp_path / "out", scheduler="tcp://127.0.0.1:9")
-    assert prepare(inputs, tmp_path / "out", jobs=1).frames == 5, "the folder is as free as before"
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("address", "why"),
+    [("localhost", "missing port number in address 'localhost'"), ("no://localhost:1", "unknown address scheme 'no'")],
+)
+def test_addresses_of_no_scheduler(tmp_path, address, why):
+    """One line: a client that fails would block, and print a traceback."""
+    write(tmp_path / "in", still(1))
+    (line,) = told(tmp_path / "in", "-o", tmp_path / "out", "--scheduler", address, code=2)
+    assert line.startswith(f"yester: error: {address}: no Dask scheduler can be reached: {why}")
+    assert not (tmp_path / "out").exists()

@@ -492,8 +492,12 @@ def _occupied(folder: Path) -> bool:
 
 @contextmanager
 def _held(folder: Path) -> Iterator[None]:
-    """Make the set's folder, and hold it for this process; raise if another one of this machine does."""
+    """Make the set's folder, and hold it for this process; raise if another one of this machine does.
+
+    A folder that was absent is removed if nothing was written.
+    """
     own = folder / f".run.{os.getpid()}.tmp"
+    absent = not folder.exists()
     try:
         folder.mkdir(parents=True, exist_ok=True)
         # Open until the end: Windows removes no file that is, and has no other way to tell.
@@ -519,6 +523,9 @@ def _held(folder: Path) -> Iterator[None]:
             yield
     finally:
         own.unlink(missing_ok=True)
+        if absent:
+            with suppress(OSError):  # not empty
+                folder.rmdir()
 
 
 def _others(folder: Path, known: set[str]) -> Iterator[str]:
@@ -794,9 +801,12 @@ def _connected(address: str) -> Any:
     """A client of a Dask scheduler."""
     try:
         from distributed import Client
+        from distributed.comm import resolve_address
     except ImportError as error:
         raise ImportError("a scheduler needs dask and distributed: pip install 'yester[data]'") from error
     try:
+        # A client that fails at once, as without a port, blocks for seconds when it is deleted.
+        resolve_address(address)
         return Client(address, timeout=_PATIENCE, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:
         raise OSError(f"{address}: no Dask scheduler can be reached: {error}") from None
