@@ -998,6 +998,27 @@ def test_a_set_that_another_run_uses(tmp_path, monkeypatch):
     assert sorted(path.name for path in out.iterdir()) == ["a", "manifest.json"]
 
 
+def test_a_set_that_another_run_of_this_process_uses(tmp_path, monkeypatch):
+    write(tmp_path / "in" / "a", still(2))
+    inputs, out, link, refused = tmp_path / "in", tmp_path / "out", tmp_path / "link", []
+    link.symlink_to(out)
+
+    class Tries(store.ZarrStore):
+        def write(self, index, group, images):
+            for folder in (out, link):
+                with pytest.raises(OSError, match="another run of this process uses it") as caught:
+                    prepare(inputs, folder, resume=True, jobs=1)
+                refused.append(caught.value.filename)
+            super().write(index, group, images)
+
+    prepare(inputs, tmp_path / "alone", jobs=1)
+    monkeypatch.setitem(run._WRITERS, "zarr", Tries)
+    prepare(inputs, out, jobs=1)
+    assert refused == [str(out), str(link)] * 2
+    assert tree(out) == tree(tmp_path / "alone")
+    assert prepare(inputs, out, resume=True, jobs=1).frames == 2
+
+
 @pytest.mark.parametrize(
     ("resume", "error", "words"),
     [

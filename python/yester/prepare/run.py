@@ -50,6 +50,9 @@ _BLOCK = 4096
 _HALF = re.compile(r"\..+\.[0-9a-f]{32}\.tmp|\.manifest\.json\.\d+\.tmp", re.DOTALL)
 #: A file that is there while a process, whose number it has, uses the folder.
 _LOCK = re.compile(r"\.run\.\d+\.tmp")
+#: Folders that runs of this process use, and what is held to change them.
+_IN_USE: set[Path] = set()
+_CHANGING = threading.Lock()
 #: Held while warnings are caught: that is for all threads of a process, and a Dask worker may have several.
 _CATCHING = threading.Lock()
 
@@ -245,7 +248,7 @@ def prepare(
         If `folder` has something in it and `resume` is not set.
     OSError
         If there is not enough space, before any work is done; if the disk fills up nevertheless, or cannot be written.
-        `resume` goes on from there. If another process of this machine uses `folder`.
+        `resume` goes on from there. If another run on this machine uses `folder`.
     ValueError
         If a parameter is out of range; if the folder lies in the inputs; if there are no sequences, or none that can be
         prepared; if EXR inputs have no `references` for ``"reference"``, or two sequences the same; on `resume`, if the
@@ -492,7 +495,22 @@ def _occupied(folder: Path) -> bool:
 
 @contextmanager
 def _held(folder: Path) -> Iterator[None]:
-    """Make the set's folder, and hold it for this process; raise if another one of this machine does.
+    """Make the set's folder, and hold it for this run; raise if another one of this machine does."""
+    here = folder.resolve()
+    with _CHANGING:
+        if here in _IN_USE:
+            raise OSError(errno.EBUSY, "another run of this process uses it", str(folder))
+        _IN_USE.add(here)
+    try:
+        with _locked(folder):
+            yield
+    finally:
+        _IN_USE.discard(here)
+
+
+@contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    """Make the set's folder, and lock it for this process; raise if another one of this machine does.
 
     A folder that was absent is removed if nothing was written.
     """
