@@ -438,6 +438,14 @@ def test_wrong_motion_is_named_once(pipeline, wrong):
     ]
 
 
+@pytest.mark.parametrize("pipeline", [yester.SVGF(), yester.TAA()], ids=["SVGF", "TAA"])
+def test_filters_of_warnings_stay(pipeline, monkeypatch):
+    """They belong to all threads: two that change them in turn would leave them changed."""
+    with monkeypatch.context() as patch:
+        patch.setattr(warnings, "catch_warnings", None)
+        assert len([*yester.denoise(knowing_next(8), pipeline, lookahead=1)]) == 8
+
+
 @pytest.mark.parametrize("place", range(1, 6))
 def test_a_cut_separates_both_sides(place):
     """Each side of a cut is denoised as if alone."""

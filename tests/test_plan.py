@@ -171,6 +171,13 @@ def test_a_plan_has_evidence(moving):
     assert (again.options, again.without) == (found.options, found.without)
 
 
+def test_filters_of_warnings_stay(moving, monkeypatch):
+    """They belong to all threads."""
+    with monkeypatch.context() as patch:
+        patch.setattr(warnings, "catch_warnings", None)
+        assert yester.plan(moving).stages
+
+
 def test_the_table(moving):
     found = yester.plan(moving)
     head, *lines = str(found).splitlines()

@@ -36,6 +36,7 @@ from .judge import (
     rests,
     sums,
 )
+from .motion_check import quietly
 
 __all__ = ["PLANNED", "Plan", "Planned", "Stage", "plan", "split_at_cuts"]
 
@@ -701,15 +702,13 @@ class _Planning:
         key = number, trial.key, backwards
         if key not in self.runs:
             svgf, images, spent = SVGF(**trial.options), [], []
-            with warnings.catch_warnings():
+            for frame in (self.turned if backwards else self.windows)[number]:
+                lacking = _lacking(frame, trial.without)
+                start = time.perf_counter()
                 # A window may show nothing but an object that moves by itself. The planned pipeline sees whole frames.
-                warnings.filterwarnings("ignore", "motion:", UserWarning)
-                for frame in (self.turned if backwards else self.windows)[number]:
-                    lacking = _lacking(frame, trial.without)
-                    start = time.perf_counter()
-                    output = svgf.step(lacking)
-                    spent.append(1e3 * (time.perf_counter() - start))
-                    images.append(output.color)
+                output = quietly(svgf.step, lacking)
+                spent.append(1e3 * (time.perf_counter() - start))
+                images.append(output.color)
             length = float(output.history_length.mean())
             self.runs[key] = _Run(images, min(spent[_START:]), length)
         return self.runs[key]

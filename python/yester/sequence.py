@@ -6,7 +6,6 @@ import copy
 import inspect
 import warnings
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from functools import partial
 from itertools import chain
@@ -16,9 +15,10 @@ from typing import Any, NamedTuple, Protocol, TypeVar, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from ._core import SVGF, TAA, History, Output, blend
+from ._core import SVGF, History, Output, blend
 from .frame import Frame, alike, turned
 from .judge import inverse_motion, rests
+from .motion_check import mistake, quietly
 from .plan import Planned, taken_apart
 
 __all__ = ["LOOKAHEAD", "denoise"]
@@ -213,23 +213,11 @@ def _knowing_next(frames: Iterable[Frame]) -> Iterator[Frame]:
 
 def _check_next(frame: Frame, following: Frame) -> bool:
     """Whether `motion_next` seems right; if not, warn, as pipelines warn of `motion`."""
-    pipeline = TAA("textbook")
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        for each in (replace(following, motion_next=None), frame):
-            pipeline.step(turned(each))
-    for warning in caught:
-        found = str(warning.message).replace("motion:", "motion_next:").replace("previous", "next")
+    found = mistake(turned(following), turned(frame))
+    if found:
+        found = found.replace("motion:", "motion_next:").replace("previous", "next")
         warnings.warn(found, stacklevel=_outside())
-    return not caught
-
-
-@contextmanager
-def _unchecked() -> Iterator[None]:
-    """Steps of backward runs and output stages, whose motion has been checked, do not warn of it again."""
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "motion: expected", UserWarning)
-        yield
+    return not found
 
 
 def _outside() -> int:
@@ -270,7 +258,8 @@ def _backwards(
 ) -> list[_Result | None]:
     """The pipeline's results for the frames in reverse order; None for frames without known later frames.
 
-    `look` gets a pipeline that runs backwards, a frame as it sees it, and the frame's index.
+    `look` gets a pipeline that runs backwards, a frame as it sees it, and the frame's index. It is quiet, as the
+    pipeline that runs forward warns of the frame's noise and motion.
     """
     results: list[_Result | None] = []
     back, following = None, None
@@ -281,11 +270,8 @@ def _backwards(
         else:
             if back is None:
                 back = copy.copy(pipeline)
-                with _unchecked():
-                    look(back, turned(replace(following, motion_next=None)), number + 1)
-                    results.append(look(back, turned(frame), number))
-            else:
-                results.append(look(back, turned(frame), number))
+                look(back, turned(replace(following, motion_next=None)), number + 1)
+            results.append(look(back, turned(frame), number))
         following = frame
     return results
 
@@ -295,7 +281,7 @@ def _joined(
 ) -> Iterator[tuple[Frame, Output, History | None]]:
     """Yield each frame, its output with the histories of both sides joined, and the later frames' history."""
     for window, ready in _chunks(frames, lookahead, _alone):
-        histories = _backwards(window, pipeline, lambda back, frame, _: back.recall(frame))
+        histories = _backwards(window, pipeline, lambda back, frame, _: quietly(back.recall, frame))
         del histories[: len(window) - ready]
         for frame in window[:ready]:
             later = histories.pop()
@@ -309,7 +295,7 @@ def _joined(
 def _averaged(frames: Iterator[Frame], pipeline: _Steps, lookahead: int) -> Iterator[Output]:
     """Yield the means of the results from both sides."""
     for window, ready in _chunks(frames, lookahead, _alone):
-        results = _backwards(window, pipeline, lambda back, frame, _: back.step(frame))
+        results = _backwards(window, pipeline, lambda back, frame, _: quietly(back.step, frame))
         del results[: len(window) - ready]
         for frame in window[:ready]:
             forward, backward = pipeline.step(frame), results.pop()
@@ -362,7 +348,7 @@ def _finished(
 
     def look(window: list[_Denoised], back: _Stage, frame: Frame, number: int) -> Output:
         _, samples, output, _, ends, _ = window[number]
-        return back.step(frame, samples=samples, confidence=_unless(ends, output.confidence))
+        return quietly(back.step, frame, samples=samples, confidence=_unless(ends, output.confidence))
 
     done = 0
     for window, ready in _chunks(denoised(), lookahead, lambda item: _alone(item.frame)):
@@ -370,8 +356,8 @@ def _finished(
         del results[: len(window) - ready]
         for frame, samples, output, begins, _, settled in window[:ready]:
             # Pipelines check motion at their second frame. There, the denoiser has already warned.
-            with _unchecked() if done == 1 else nullcontext():
-                finished = stage.step(frame, samples=samples, confidence=_unless(begins, output.confidence))
+            given = {"samples": samples, "confidence": _unless(begins, output.confidence)}
+            finished = quietly(stage.step, frame, **given) if done == 1 else stage.step(frame, **given)
             done += 1
             backward = results.pop()
             if backward is not None:
