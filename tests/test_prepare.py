@@ -10,6 +10,7 @@ import subprocess
 import sys
 import threading
 import time
+import warnings
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -114,6 +115,27 @@ def test_derived_images_are_the_kernels():
         np.testing.assert_array_equal(images["difference"], difference)
         assert [name for name in CHANNELS if name in images] == list(images)
         before = frame
+
+
+@pytest.mark.parametrize("kind", ["as it should be", "one seed", "y up"])
+def test_the_remarks_are_the_warnings_of_the_denoiser(kind):
+    frames = shots(5, 64, 48)
+    if kind == "one seed":
+        frames = [
+            replace(frame, color=flight.noisy(flight.shoot(i, 64, 48), np.random.default_rng(0)))
+            for i, frame in enumerate(frames)
+        ]
+    if kind == "y up":
+        frames = [replace(frame, motion=frame.motion * np.float32([1, -1, 1])) for frame in frames]
+    svgf, remarks, warned = yester.SVGF(), [], set()
+    for frame, _ in zip(frames, derive(frames, {"denoised"}, remarks.append), strict=True):
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            svgf.step(frame)
+        assert [str(one.message) for one in caught] == remarks
+        warned.update(remarks)
+        remarks.clear()
+    assert len(warned) == (kind != "as it should be")
 
 
 def test_motion_is_computed_from_cameras():
@@ -694,6 +716,25 @@ def test_wrong_motion_is_told(upwards, tmp_path):
         prepare(upwards, tmp_path / "out", jobs=1)
     known = json.loads((tmp_path / "out" / "one" / "manifest.json").read_text())
     assert [f"one: {text}" for text in known["warnings"]] == [str(one.message) for one in told]
+
+
+def test_manifests_have_the_remarks_on_their_own_files(upwards, tmp_path, monkeypatch):
+    """Catching warnings would catch those of all threads, at whatever time each of them reads."""
+    write(upwards / "none", still(3))
+    askew = [replace(frame, position=-frame.position) for frame in shots(3)]
+    write(upwards / "two", [replace(frame, depth=None) for frame in askew])
+    with monkeypatch.context() as patch:
+        patch.setattr(warnings, "catch_warnings", None)
+        with pytest.warns(UserWarning, match=": ") as said:
+            prepare(upwards, tmp_path / "out", buffers=["color", "denoised"], jobs=1)
+    found = {
+        name: json.loads((tmp_path / "out" / name / "manifest.json").read_text())["warnings"]
+        for name in ("none", "one", "two")
+    }
+    assert found["none"] == []
+    assert found["two"] == ["worldToNDC: not used, as it puts positions elsewhere on the screen"]
+    assert [text.split(" ")[0] for text in found["one"]] == ["motion:"]
+    assert [str(one.message) for one in said] == [f"{name}: {text}" for name in found for text in found[name]]
 
 
 def test_channels_are_mapped(inputs, upwards, tmp_path):

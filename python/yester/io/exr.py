@@ -218,9 +218,22 @@ def read_exr(path: Source, *, mapping: Mapped | None = None, view: str | None = 
     >>> io.read_exr("frame.exr", mapping={"normal": ["R", "-G", "B"], "depth": []})
     Frame(6x4: color, normal)
     """
-    path = Path(path)
-    contents = read_headers(path, mapping, view)
+    frame, remarks = read_with_remarks(path, mapping=mapping, view=view)
+    _warn(remarks)
+    return frame
+
+
+def read_with_remarks(
+    path: Source, *, mapping: Mapped | None = None, view: str | None = None
+) -> tuple[Frame, list[str]]:
+    """A frame, as `read_exr` gives it, and the texts of the warnings that it gives."""
+    contents = read_headers(Path(path), mapping, view)
     return _frame(contents, read_pixels(contents, contents.needed()))
+
+
+def _warn(remarks: Iterable[str]) -> None:
+    for remark in remarks:
+        warnings.warn(remark, stacklevel=3)
 
 
 def read_plate(path: Source, *, mapping: Mapped | None = None, view: str | None = None) -> Plate:
@@ -258,7 +271,8 @@ def read_plate(path: Source, *, mapping: Mapped | None = None, view: str | None 
     path = Path(path)
     contents = read_headers(path, mapping, view)
     parts = read_pixels(contents)
-    frame = _frame(contents, parts)
+    frame, remarks = _frame(contents, parts)
+    _warn(remarks)
     color = contents.known.buffers["color"]
     target = [contents.places[name] for name in color.target]
     # A colour whose components are in several parts is written beside them.
@@ -804,8 +818,8 @@ def without_colour(path: Path, names: Sequence[str]) -> ValueError:
     return ValueError(f"{path}: no colour: expected channels R, G and B, got {got}{hint}")
 
 
-def _frame(contents: Contents, parts: dict[int, Any]) -> Frame:
-    """The frame that the pixels of a file make."""
+def _frame(contents: Contents, parts: dict[int, Any]) -> tuple[Frame, list[str]]:
+    """The frame that the pixels of a file make, and remarks, which name no file, so that they can be told once."""
     path, known = contents.path, contents.known
     if "color" not in known.buffers:
         raise without_colour(path, [*contents.places])
@@ -823,12 +837,12 @@ def _frame(contents: Contents, parts: dict[int, Any]) -> Frame:
         frame = Frame(**buffers, camera=camera, jitter=jitter)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{path}: {error}") from None
+    remarks = []
     if cameras and camera is None:
-        # The same text for every file of a sequence, so that it can be told once.
-        warnings.warn("worldToNDC: not used, as it puts positions elsewhere on the screen", stacklevel=2)
+        remarks.append("worldToNDC: not used, as it puts positions elsewhere on the screen")
     if "depth" in known.buffers and "depth" not in buffers:
-        warnings.warn("depth: not used, as it is from positions, some of which lie behind the camera", stacklevel=2)
-    return frame
+        remarks.append("depth: not used, as it is from positions, some of which lie behind the camera")
+    return frame, remarks
 
 
 def _openexr() -> Any:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator
+import warnings
+from collections.abc import Callable, Collection, Iterable, Iterator
 from typing import Any, Literal
 
 import numpy as np
@@ -10,7 +11,8 @@ from numpy.typing import NDArray
 
 from .._core import SVGF, accumulate, demodulate, estimate_variance, is_reflectance, reproject
 from ..frame import Frame, present
-from ..judge import UNMOVED, known_motion, surface_tests
+from ..judge import REPEATED, UNMOVED, Noise, known_motion, surface_tests
+from ..motion_check import mistake, quietly
 
 __all__ = ["CHANNELS", "DERIVED", "MOVING", "derive", "halve", "needs"]
 
@@ -65,7 +67,9 @@ def needs(name: str, known: Collection[str]) -> str | None:
     return None if source in known else f"no {source}{of}"
 
 
-def derive(frames: Iterable[Frame], wanted: Collection[str]) -> Iterator[tuple[Images, int]]:
+def derive(
+    frames: Iterable[Frame], wanted: Collection[str], remark: Callable[[str], object] = warnings.warn
+) -> Iterator[tuple[Images, int]]:
     """Compute the images of each frame of a sequence.
 
     Parameters
@@ -74,6 +78,8 @@ def derive(frames: Iterable[Frame], wanted: Collection[str]) -> Iterator[tuple[I
         In order, of one size.
     wanted : collection of str
         Names in `CHANNELS`; ``reference``, which frames do not have, is left out.
+    remark : callable, optional
+        Gets what ``denoised`` warns of: motion that seems wrong, and noise that repeats. By default a `UserWarning`.
 
     Yields
     ------
@@ -101,10 +107,10 @@ def derive(frames: Iterable[Frame], wanted: Collection[str]) -> Iterator[tuple[I
     - ``motion`` is computed from the cameras where frames have none; 0 where it is not finite, and in the first frame.
     """
     wanted = set(wanted)
-    denoiser = SVGF() if "denoised" in wanted else None
+    denoiser, noise = SVGF() if "denoised" in wanted else None, Noise()
     before: Frame | None = None
     known: Any = None
-    for frame in frames:
+    for number, frame in enumerate(frames):
         if before is not None and frame.shape != before.shape:
             (height, width), (own, across) = before.shape, frame.shape
             expected = f"height {height} and width {width}, as in earlier frames"
@@ -129,7 +135,11 @@ def derive(frames: Iterable[Frame], wanted: Collection[str]) -> Iterator[tuple[I
             guides = {name: getattr(frame, name) for name in ("depth", "normal", "ids")}
             images["variance"] = estimate_variance(known.moments, known.history_length, **guides)
         if denoiser is not None:
-            images["denoised"] = denoiser.step(frame).color
+            images["denoised"] = quietly(denoiser.step, frame).color
+            if before is not None and number == 1 and (found := mistake(before, frame)):
+                remark(found)
+            if noise.repeats(frame, motion):
+                remark(REPEATED)
         before = frame
         yield {name: images[name] for name in CHANNELS if name in wanted and name in images}, int((~seen).sum())
 

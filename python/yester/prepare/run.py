@@ -53,8 +53,6 @@ _LOCK = re.compile(r"\.run\.\d+\.tmp")
 #: Folders that runs of this process use, and what is held to change them.
 _IN_USE: set[Path] = set()
 _CHANGING = threading.Lock()
-#: Held while warnings are caught: that is for all threads of a process, and a Dask worker may have several.
-_CATCHING = threading.Lock()
 
 _Path = str | os.PathLike[str]
 
@@ -676,18 +674,16 @@ def _fill(task: _Task, folder: Path, told: Callable[[], object]) -> tuple[str, .
     if "half" in parameters.sizes:
         wanted |= {"depth", *(("validity",) if "history" in wanted else ())}
     read: list[Frame] = []
-    made = derive(iter(read.pop, None), wanted)
-    with closing(ahead(source.read())) as pairs:
-        for index, (frame, reference) in enumerate(pairs):
+    made = derive(iter(read.pop, None), wanted, warned.setdefault)
+    with closing(ahead(source.read())) as frames:
+        for index, (frame, reference, remarks) in enumerate(frames):
             path = source.files[min(index, len(source.files) - 1)]
             read.append(frame)
+            warned |= dict.fromkeys(remarks)
             try:
-                with _CATCHING, warnings.catch_warnings(record=True) as caught:
-                    warnings.simplefilter("always")
-                    images, absent = next(made)
+                images, absent = next(made)
             except (TypeError, ValueError) as error:
                 raise Damaged(f"{path}: {error}") from None
-            warned |= dict.fromkeys(str(each.message) for each in caught)
             missing.append(absent)
             if "reference" in wanted:
                 if reference is None or reference.shape != (known.height, known.width, 3):

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..frame import Frame
-from ..io import Description, describe, read_exr, sequence_paths
-from ..io.exr import without_colour
+from ..io import Description, describe, sequence_paths
+from ..io.exr import read_with_remarks, without_colour
 from ..io.headers import MOVED, layers, moved
 from ..io.noisebase import layout, read_noisebase
 from ..io.shots import breaks, by_shots, natural
@@ -27,7 +27,8 @@ __all__ = ["MANIFEST", "Damaged", "Known", "Source", "find_sequences"]
 #: The file that says what a set or a sequence has.
 MANIFEST = "manifest.json"
 
-Read = tuple[Frame, NDArray[np.float32] | None]
+#: A frame, its reference, and remarks on its file.
+Read = tuple[Frame, NDArray[np.float32] | None, list[str]]
 
 
 class Damaged(Exception):
@@ -157,7 +158,7 @@ class Source:
         return found
 
     def read(self) -> Iterator[Read]:
-        """Read the frames, each with its reference if there is one.
+        """Read the frames, each with its reference if there is one, and with what is to be said of its file.
 
         Raises
         ------
@@ -166,15 +167,20 @@ class Source:
         """
         try:
             if self.stores:
-                yield from read_noisebase(self.files)
+                for frame, reference in read_noisebase(self.files):
+                    yield frame, reference, []
             else:
                 for index, path in enumerate(self.files):
-                    yield _read(path, self.reading), self._reference(index)
+                    frame, remarks = _read(path, self.reading)
+                    yield frame, self._reference(index), remarks
         except (OSError, ValueError) as error:
             raise Damaged(*dict.fromkeys([told(error), *self._damaged()])) from None
 
     def _reference(self, index: int) -> NDArray[np.float32] | None:
-        return _read(self.references[index], self._plain).color if self.references else None
+        if not self.references:
+            return None
+        frame, _ = _read(self.references[index], self._plain)
+        return frame.color
 
     @property
     def _plain(self) -> dict[str, Any]:
@@ -228,9 +234,9 @@ def _describe(path: Path, reading: dict[str, Any]) -> Description:
     return known
 
 
-def _read(path: Path, reading: dict[str, Any]) -> Frame:
+def _read(path: Path, reading: dict[str, Any]) -> tuple[Frame, list[str]]:
     with _named(path):
-        return read_exr(path, **reading)
+        return read_with_remarks(path, **reading)
 
 
 def find_sequences(
