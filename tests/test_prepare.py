@@ -684,6 +684,40 @@ def test_references(inputs, tmp_path):
     assert done.set_aside["one"] == (f"{clean[1]}: no such reference",)
 
 
+def test_missing_pixels_of_references_and_buffers(tmp_path):
+    """They are told; nothing is NaN but what has a meaning as NaN. At half size, means are of the others."""
+    frames = still(2)
+    whole = {"albedo": 0.5, "normal": 1, "emission": 2, "object_normal": 1, "position": 3, "replay": 1}
+    flat = {"depth": 4, "hit_distance": 5, "reactive": 0.25}
+    buffers = {name: np.full((8, 10, 3), value, np.float32) for name, value in whole.items()}
+    buffers |= {name: np.full((8, 10), value, np.float32) for name, value in flat.items()}
+    for image in buffers.values():
+        image[2, 3] = np.nan
+    frames[1] = replace(frames[1], **buffers)
+    frames[0] = replace(frames[0], **{name: np.nan_to_num(image) for name, image in buffers.items()})
+    write(tmp_path / "in" / "a", frames)
+    clean = [np.ones((8, 10, 3), np.float32) for _ in frames]
+    clean[1][2, 3, 1], clean[1][4:6, 4:6] = np.inf, np.nan
+    write(tmp_path / "clean" / "a", [yester.Frame(each) for each in clean])
+    with pytest.warns(UserWarning, match="^a: ") as said:
+        prepare(tmp_path / "in", tmp_path / "out", references=tmp_path / "clean", sizes=("full", "half"), jobs=1)
+    known = json.loads((tmp_path / "out" / "a" / "manifest.json").read_text())
+    assert (known["missing_pixels"], known["missing_reference_pixels"]) == ([0, 0], [0, 5])
+    named = {text.partition(": ")[0] for text in known["warnings"]}
+    assert named == {*whole, *flat, "reference"} - {"position", "replay"}
+    assert [f"a: {text}" for text in known["warnings"]] == [str(one.message) for one in said]
+    data = zarr.open_group(tmp_path / "out" / "a" / "data.zarr", mode="r")
+    full, half = ({name: images[1] for name, images in data[size].arrays()} for size in ("full", "half"))
+    assert {name for name, image in full.items() if np.isnan(image).any()} == {"position", "replay"}
+    assert {name for name, image in full.items() if np.isinf(image).any()} == {"depth", "hit_distance"}
+    for name in named - {"depth", "hit_distance"}:
+        assert not full[name][:, 2, 3].any(), name
+    assert all(np.isfinite(image).all() for image in half.values())
+    assert (half["albedo"] == 0.5).all()
+    assert (half["reference"][:, 1, 1] == 1).all()
+    assert (half["reference"][:, 2, 2] == 0).all()
+
+
 def test_the_manifest(inputs, tmp_path):
     done = prepare(inputs, tmp_path / "out", jobs=1)
     assert (done.sequences, done.frames) == (("one", "set/two"), 5)

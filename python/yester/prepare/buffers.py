@@ -14,7 +14,7 @@ from ..frame import Frame, present
 from ..judge import REPEATED, UNMOVED, Noise, known_motion, surface_tests
 from ..motion_check import mistake, quietly
 
-__all__ = ["CHANNELS", "DERIVED", "MOVING", "derive", "halve", "needs"]
+__all__ = ["CHANNELS", "DERIVED", "MOVING", "derive", "filled", "halve", "needs"]
 
 Images = dict[str, NDArray[Any]]
 
@@ -218,6 +218,27 @@ def halve(
             half = half / number if name == "variance" else half
         result[name] = np.ascontiguousarray(half)
     return result
+
+
+def filled(images: Images) -> tuple[Images, list[str]]:
+    """The images as a set has them, and remarks: NaN that tells nothing would make a loss NaN.
+
+    Pixels with a component that is not finite are 0. ``depth`` and ``hit_distance`` are infinite where nothing is hit,
+    and for NaN. ``position`` is not finite where nothing is hit, and ``replay`` NaN where another surface is visible.
+    """
+    result, remarks = dict(images), []
+    for name, image in images.items():
+        if name in ("position", "replay") or image.dtype.kind != "f":
+            continue
+        if far := name in ("depth", "hit_distance"):
+            lacking = np.isnan(image)
+        else:
+            lacking = np.logical_not(np.isfinite(image).reshape(*image.shape[:2], -1).all(-1))
+        if lacking.any():
+            result[name] = image.copy()
+            result[name][lacking] = np.inf if far else 0
+            remarks.append(f"{name}: NaN is stored as infinity" if far else f"{name}: missing pixels are stored as 0")
+    return result, remarks
 
 
 def _four(image: NDArray[Any], beyond: Literal["edge", "constant"] = "edge") -> NDArray[Any]:

@@ -31,7 +31,7 @@ from ..io.ahead import ahead
 from ..io.files import beside, in_use
 from ..io.mapping import Mapped, load
 from ..messages import few
-from .buffers import CHANNELS, DERIVED, derive, halve, needs
+from .buffers import CHANNELS, DERIVED, derive, filled, halve, needs
 from .sources import MANIFEST, Damaged, Known, Source, find_sequences
 from .store import EXRFiles, Writer, ZarrStore, checksums, clipped, stored
 
@@ -258,16 +258,21 @@ def prepare(
     -----
     UserWarning
         If sequences have buffers that the first one lacks, and `buffers` is not given. With a sequence's name, if its
-        motion seems wrong, its data window moves, or its files are apart from others of their folder because their
-        numbers jump or a store between them cannot be read.
+        motion seems wrong, its data window moves, its references or buffers have missing pixels, or its files are apart
+        from others of their folder because their numbers jump or a store between them cannot be read.
 
     Notes
     -----
     Every sequence is written beside its place and renamed when it is complete, with its ``manifest.json``: the SHA-256
-    of every file, the names and sizes of the inputs, the windows' places, the warnings. The one in `folder` has the
-    parameters, the versions, the sequences and those set aside; ``complete`` is false until a run has ended and set
-    none aside. Neither depends on the number of processes, on interruptions, or on time. A sequence is tried up to
-    three times where the process that works on it dies. All headers of a sequence are read before its pixels.
+    of every file, the names and sizes of the inputs, the windows' places, the warnings, and the number of missing
+    pixels in each frame and in each reference. The one in `folder` has the parameters, the versions, the sequences and
+    those set aside; ``complete`` is false until a run has ended and set none aside. Neither depends on the number of
+    processes, on interruptions, or on time. A sequence is tried up to three times where the process that works on it
+    dies. All headers of a sequence are read before its pixels.
+
+    Missing pixels (NaN, or infinite) of colour, references and other buffers are stored as 0, with a warning where they
+    are not those of colour. ``depth`` and ``hit_distance`` are infinite where nothing is hit; ``position`` is not
+    finite there, and ``replay`` NaN where another surface is visible.
     """
     folder = Path(folder)
     given = [Path(inputs)] if isinstance(inputs, str | os.PathLike) else [Path(path) for path in inputs]
@@ -670,6 +675,7 @@ def _fill(task: _Task, folder: Path, told: Callable[[], object]) -> tuple[str, .
     warned = dict.fromkeys(source.inspect(parameters.buffers))
     writer = _WRITERS[parameters.format](folder, known.frames, parameters.half)
     missing: list[int] = []
+    untold: list[int] = []
     wanted = {*parameters.buffers}
     if "half" in parameters.sizes:
         wanted |= {"depth", *(("validity",) if "history" in wanted else ())}
@@ -689,20 +695,24 @@ def _fill(task: _Task, folder: Path, told: Callable[[], object]) -> tuple[str, .
                 if reference is None or reference.shape != (known.height, known.width, 3):
                     raise Damaged(f"{source.files[0]}: frame {index}: no reference of the same size")
                 images["reference"] = reference
+                untold.append(int((~np.isfinite(reference).all(-1)).sum()))
             if lacks := [name for name in parameters.buffers if name not in images]:
                 raise Damaged(f"{path}: no {lacks[0]}, which the first frame of the sequence has")
             depth, validity = images.get("depth"), images.get("validity")
             unseen = np.asarray(~np.isfinite(frame.color).all(-1))
             images = {name: images[name] for name in parameters.buffers}
-            warned |= dict.fromkeys(clipped(images, parameters.half))
+            full, lacking = filled(images)
+            warned |= dict.fromkeys([*lacking, *clipped(images, parameters.half)])
             for group, rows, columns in groups:
-                cut = {name: image[rows, columns] for name, image in images.items()}
                 if "full" in parameters.sizes:
+                    cut = {name: image[rows, columns] for name, image in full.items()}
                     writer.write(index, "/".join(filter(None, (group, "full"))), cut)
                 if "half" in parameters.sizes:
+                    # Missing pixels are left out of its means.
+                    cut = {name: image[rows, columns] for name, image in images.items()}
                     near, carried = (None if one is None else one[rows, columns] for one in (depth, validity))
                     small = halve(cut, near, carried, unseen[rows, columns])
-                    writer.write(index, "/".join(filter(None, (group, "half"))), small)
+                    writer.write(index, "/".join(filter(None, (group, "half"))), filled(small)[0])
             told()
     if len(missing) < known.frames:
         raise Damaged(f"{source.files[0]}: expected {known.frames} frames, got {len(missing)}")
@@ -715,6 +725,7 @@ def _fill(task: _Task, folder: Path, told: Callable[[], object]) -> tuple[str, .
         {
             **task.inputs(),
             "missing_pixels": missing,
+            **({"missing_reference_pixels": untold} if "reference" in wanted else {}),
             "warnings": [*warned],
             "crops": {g: {"x": c.start, "y": r.start} for g, r, c in groups if g},
             "sha256": checksums(folder),
