@@ -1403,9 +1403,9 @@ def test_an_error_in_a_process_ends_the_run(monkeypatch):
     assert raised == ["out of memory"]
 
 
-@pytest.mark.slow
-def test_a_sequence_that_kills_its_process_is_set_aside(inputs, tmp_path, monkeypatch):
-    """Whatever it is, it must not keep the others from being prepared, nor go on for ever."""
+@pytest.fixture
+def deadly(inputs, monkeypatch) -> Path:
+    """Inputs of which one kills the process that works on it."""
     monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parent), prepend=os.pathsep)
     write(inputs / "deadly", shots(2))
 
@@ -1414,10 +1414,21 @@ def test_a_sequence_that_kills_its_process_is_set_aside(inputs, tmp_path, monkey
         return [Deadly(**vars(each)) if each.name == "deadly" else each for each in sources], aside
 
     monkeypatch.setattr(run, "find_sequences", found)
-    done = prepare(inputs, tmp_path / "out", jobs=2)
+    return inputs
+
+
+def set_aside(deadly: Path, out: Path, **how) -> None:
+    """Whatever it is, it must not keep the others from being prepared, nor go on for ever."""
+    done = prepare(deadly, out, **how)
     assert done.sequences == ("one", "set/two")
     assert done.set_aside == {"deadly": ("deadly: the process that worked on it died 3 times",)}
-    assert not any((tmp_path / "out").glob(".*"))
+    assert (deadly / "deadly" / "deaths").read_text() == 3 * "one more\n"
+    assert not any(out.glob(".*"))
+
+
+@pytest.mark.slow
+def test_a_sequence_that_kills_its_process_is_set_aside(deadly, tmp_path):
+    set_aside(deadly, tmp_path / "out", jobs=2)
 
 
 class Deadly(Source):
@@ -1426,6 +1437,8 @@ class Deadly(Source):
     def read(self):
         frames = super().read()
         yield next(frames)
+        with (self.files[0].parent / "deaths").open("a") as file:
+            file.write("one more\n")
         os.kill(os.getpid(), signal.SIGKILL)
 
 
@@ -1449,8 +1462,8 @@ def test_an_interrupt_leaves_nothing_half_written(long, tmp_path, ctrl_c):
 # Clusters
 
 
-@pytest.fixture
-def cluster(tmp_path):
+@pytest.fixture(params=["--no-nanny"])
+def cluster(tmp_path, request):
     """A scheduler and two workers, each a process of its own without a guard; address and workers."""
     log = (tmp_path / "cluster.log").open("w")
     started = []
@@ -1463,7 +1476,7 @@ def cluster(tmp_path):
     file = tmp_path / "scheduler.json"
     start("scheduler", "--host", "127.0.0.1", "--port", 0, "--no-dashboard", "--scheduler-file", file)
     until(lambda: file.exists() and file.stat().st_size > 0)
-    options = "--nthreads", 1, "--no-nanny", "--no-dashboard", "--host", "127.0.0.1", "--scheduler-file", file
+    options = "--nthreads", 1, request.param, "--no-dashboard", "--host", "127.0.0.1", "--scheduler-file", file
     workers = [start("worker", *options) for _ in range(2)]
     try:
         yield json.loads(file.read_text())["address"], workers
@@ -1492,6 +1505,14 @@ def test_a_cluster_that_loses_a_worker(long, cluster, tmp_path):
     # What the lost worker had begun is removed by the next run.
     assert prepare(inputs, out, resume=True).frames == 24
     assert tree(out) == want
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("default")
+@pytest.mark.parametrize("cluster", ["--nanny"], indirect=True)
+def test_a_sequence_that_kills_workers_is_set_aside(deadly, cluster, tmp_path):
+    """Their guards start new ones."""
+    set_aside(deadly, tmp_path / "out", scheduler=cluster[0])
 
 
 @pytest.mark.slow

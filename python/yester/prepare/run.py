@@ -653,10 +653,15 @@ def _key(name: str) -> str:
     return hashlib.sha256(os.fsencode(name)).hexdigest()[:32]
 
 
+def _half_written(folder: Path, name: str | None = None) -> list[Path]:
+    """What is half-written: of one sequence, or of all."""
+    half = _HALF if name is None else re.compile(rf"\.{_key(name)}\.[0-9a-f]{{32}}\.tmp")
+    return [item for item in folder.iterdir() if half.fullmatch(item.name)]
+
+
 def _clear(folder: Path, name: str | None = None) -> None:
     """Remove what is half-written: of one sequence, or of all."""
-    half = _HALF if name is None else re.compile(rf"\.{_key(name)}\.[0-9a-f]{{32}}\.tmp")
-    for item in [item for item in folder.iterdir() if half.fullmatch(item.name)]:
+    for item in _half_written(folder, name):
         if item.is_dir():
             # All at once, as a worker of another machine may still write into it.
             gone = item.with_name(f"{item.name.rsplit('.', 2)[0]}.{uuid4().hex}.tmp")
@@ -837,6 +842,14 @@ def _connected(address: str) -> Any:
         raise OSError(f"{address}: no Dask scheduler can be reached: {error}") from None
 
 
+def _attempt(task: _Task) -> _Done:
+    """Work on a cluster, whose scheduler has its own number of times that a task is tried."""
+    # Each worker that died of it has left its half.
+    if len(_half_written(task.folder, task.source.name)) >= _ATTEMPTS:
+        return _lost(task.source.name)
+    return _work(task)
+
+
 def _on_cluster(tasks: list[_Task], client: Any) -> Generator[_Done, None, None]:
     from distributed import as_completed as completed
     from distributed.scheduler import KilledWorker
@@ -845,7 +858,7 @@ def _on_cluster(tasks: list[_Task], client: Any) -> Generator[_Done, None, None]
     # Workers that vanish are seen to by the scheduler; only tasks are told apart here.
     futures = {
         client.submit(
-            _work, task.anywhere(), key=f"prepare-{_key(task.source.name)}-{run}", pure=False, retries=_ATTEMPTS - 1
+            _attempt, task.anywhere(), key=f"prepare-{_key(task.source.name)}-{run}", pure=False, retries=_ATTEMPTS - 1
         ): task
         for task in tasks
     }
