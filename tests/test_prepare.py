@@ -982,6 +982,8 @@ def test_outputs_that_are_refused(inputs, tmp_path):
         ({"buffers": []}, "got none"),
         ({"sizes": ["quarter"]}, "sizes: expected full, half or both, got quarter"),
         ({"crop": (0, 4)}, "crop: expected at least 1 x 1, got 0 x 4"),
+        ({"crop": (8,)}, "crop: expected width and height, got 1 numbers"),
+        ({"crop": (8, 8, 99)}, "crop: expected width and height, got 3 numbers"),
         ({"crops": 0}, "crops: expected at least 1"),
         ({"crops": 3}, "crops: expected a size in crop beside it, got 3 alone"),
         ({"jobs": 0}, "jobs: expected at least 1"),
@@ -992,6 +994,23 @@ def test_wrong_parameters(inputs, tmp_path, named, words):
     with pytest.raises(ValueError, match=words):
         prepare(inputs, tmp_path / "out", **named)
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    "named", [{"crop": (8.9, 8.0)}, {"crop": (8, 8), "crops": 1.5}, {"seed": "1"}, {"jobs": 1.5}], ids=str
+)
+def test_numbers_that_are_no_integers(inputs, tmp_path, named):
+    name, *_ = reversed(named)
+    with pytest.raises(TypeError, match=f"^{name}: expected an integer, got (float|str)$"):
+        prepare(inputs, tmp_path / "out", **named)
+    assert not (tmp_path / "out").exists()
+
+
+def test_integers_of_numpy(inputs, tmp_path):
+    prepare(inputs, tmp_path / "a", crop=(16, 12), crops=2, seed=3, half=True, jobs=1)
+    numbers = {"crop": np.array([16, 12]), "crops": np.int64(2), "seed": np.uint8(3), "jobs": np.int32(1)}
+    prepare(inputs, tmp_path / "b", half=np.True_, **numbers)
+    assert tree(tmp_path / "a") == tree(tmp_path / "b")
 
 
 def test_what_16_bits_do_not_hold_is_told(tmp_path):

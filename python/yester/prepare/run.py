@@ -6,6 +6,7 @@ import errno
 import hashlib
 import json
 import multiprocessing
+import operator
 import os
 import platform
 import re
@@ -251,6 +252,8 @@ def prepare(
         If a parameter is out of range; if the folder lies in the inputs; if there are no sequences, or none that can be
         prepared; if EXR inputs have no `references` for ``"reference"``, or two sequences the same; on `resume`, if the
         parameters or versions are others, or the manifest is damaged.
+    TypeError
+        If `crop`, `crops`, `seed` or `jobs` are not of integers.
     ImportError
         If zarr, OpenEXR or distributed is needed and not installed.
 
@@ -276,6 +279,11 @@ def prepare(
     """
     folder = Path(folder)
     given = [Path(inputs)] if isinstance(inputs, str | os.PathLike) else [Path(path) for path in inputs]
+    crops, seed, jobs = _whole("crops", crops), _whole("seed", seed), None if jobs is None else _whole("jobs", jobs)
+    if crop is not None:
+        if len(crop) != 2:
+            raise ValueError(f"crop: expected width and height, got {len(crop)} numbers")
+        crop = _whole("crop", crop[0]), _whole("crop", crop[1])
     _check_arguments(given, folder, sizes, crop, crops, format, jobs)
     former = _earlier(folder, resume)
     reading: dict[str, Any] = {"mapping": load(mapping) or None, "view": view}
@@ -293,10 +301,10 @@ def prepare(
     parameters = Parameters(
         images,
         tuple(size for size in ("full", "half") if size in sizes),
-        crop and (int(crop[0]), int(crop[1])),
+        crop,
         crops,
         seed,
-        half,
+        bool(half),
         format,
         references is not None,
         **reading,
@@ -326,6 +334,14 @@ def prepare(
     return Prepared(
         folder, tuple(names), sum(done.values()), dict(sorted(aside.items())), images, first, tuple(sorted(gone))
     )
+
+
+def _whole(name: str, value: Any) -> int:
+    """A number as Python's own, which manifests can have."""
+    try:
+        return operator.index(value)
+    except TypeError:
+        raise TypeError(f"{name}: expected an integer, got {type(value).__name__}") from None
 
 
 def _check_arguments(
