@@ -1013,6 +1013,12 @@ def test_integers_of_numpy(inputs, tmp_path):
     assert tree(tmp_path / "a") == tree(tmp_path / "b")
 
 
+def test_what_has_16_bits():
+    """Colours, normals and validity."""
+    half = {name for name in CHANNELS if store.stored(name, half=True) == np.float16}
+    assert half == {name for name, channels in CHANNELS.items() if channels == 3} - {"position"} | {"validity"}
+
+
 def test_what_16_bits_do_not_hold_is_told(tmp_path):
     frames = still(2)
     frames[1].color[2, 3] = 2e5

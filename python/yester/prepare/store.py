@@ -19,8 +19,8 @@ from .buffers import CHANNELS, Images
 
 __all__ = ["EXRFiles", "Writer", "ZarrStore", "checksums", "stored"]
 
-#: Distances, which float16 is too coarse for, and moments, whose range it lacks.
-_WHOLE = {"depth", "motion", "ids", "position", "hit_distance", "variance", "history_length"}
+#: All but colours, normals and validity: float16 is too coarse for distances, and lacks the range of moments.
+_WHOLE = {"depth", "motion", "ids", "position", "hit_distance", "reactive", "variance", "history_length"}
 
 
 def stored(name: str, half: bool) -> np.dtype[Any]:
