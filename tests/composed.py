@@ -185,7 +185,7 @@ class Mixing:
                     agreed = agree(shares[..., 1] > np.float32(0.05))
                     many = 4 * (shares[..., 0] > np.float32(0.05)).sum() >= agreed.size
                     smooth = many and share_of_all(self.evidence)[0] >= 0.25 and not aliased
-                    kept = np.dstack([agreed | smooth, agreed])
+                    kept = np.dstack([agreed | (not aliased), agreed])
                     shares = np.where(kept, shares, np.float32(0))
                     if 8 * agreed.sum() < agreed.size and not smooth:
                         self.__init__()

@@ -349,7 +349,7 @@ class Mixing:
                     self.__init__()
                     self.rest = 5
                     return shown
-                shares = shares * torch.stack([agreed | together, agreed], -1)  # (h, w, 2)
+                shares = shares * torch.stack([agreed | (not aliased), agreed], -1)  # (h, w, 2)
             if self.samples_before is not None:
                 (older,), _ = fetch_all([self.samples_before], motion)  # (H, W)
                 planes = torch.stack([light[0], before, older, smooth, result], -1)  # (H, W, 5)

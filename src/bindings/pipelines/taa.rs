@@ -86,18 +86,18 @@ use crate::pipelines::taa;
 ///     (`innovation`, with the `exposure` of the result and ``fed_back=False``): for changing light in noisy frames.
 ///     Without noise, part of the aliasing is mistaken for change. For denoised frames, see the `samples` of `step`.
 /// choice : bool, optional
-///     With the `samples` of denoised frames: each tile of 8×8 pixels mixes the result with the denoised colour and
-///     the samples, by the weights that would have made the error of the frame before least (`collocate`,
+///     With the `samples` of denoised frames: each tile of 8×8 pixels mixes the result with the denoised colour and the
+///     samples, by the weights that would have made the error of the frame before least (`collocate`,
 ///     `collocation_shares`; frames are fetched by `reproject` without fallback). Frames of many samples are
 ///     antialiased as they come, and have little noise. Samples are mixed into a tile only if at least 3 of 10 tiles,
-///     up to 4 tiles away along each axis, ask for a weight above 0.05. Denoised colour is mixed in only there, too,
-///     with one exception: into all tiles, if its best weight for all of them together is at least 0.25 and at least a
-///     quarter of them ask for more than 0.05. The exception does not apply with known `jitter`, as such frames are not
-///     antialiased. Where it does not hold and fewer than one tile in 8 would show anything but the result, the whole
-///     frame shows the result alone, and the next five frames are not evaluated. So it mostly is with one sample per
-///     pixel, and always with the noise of the frame before (`repetition`), which comes with a `UserWarning`. By
-///     luminance, a sample counts for no more than eight times, and is shown as no more than three times, the result
-///     plus a sixteenth of its exposure, so that fireflies do not return.
+///     up to 4 tiles away along each axis, ask for a weight above 0.05. If that holds for one tile in 8, denoised
+///     colour is mixed into all tiles; so it is if its best weight for all of them together is at least 0.25 and at
+///     least a quarter of them ask for more than 0.05. With known `jitter`, as such frames are not antialiased, it is
+///     mixed only into tiles into which samples are. If neither holds, the whole frame shows the result alone, and the
+///     next five frames are not evaluated. So it mostly is with one sample per pixel, and always with the noise of the
+///     frame before (`repetition`), which comes with a `UserWarning`. By luminance, a sample counts for no more than
+///     eight times, and is shown as no more than three times, the result plus a sixteenth of its exposure, so that
+///     fireflies do not return.
 ///     By default only preset "denoised" does this.
 ///
 /// Raises

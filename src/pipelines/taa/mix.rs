@@ -4,11 +4,12 @@
 //! and at some point the denoiser does no better. With y the samples, a the denoised colour and b the stage's result, a pixel
 //! shows m + g (y − m), m = b + λ (a − b). Each tile's λ and g are those that would have made the error of the frame before
 //! least ([`collocation`]); frames are fetched along the motion, bilinearly. In frames of one sample, g is above 0 in tiles
-//! here and there by chance, and λ anything. A tile shows b, therefore, unless [`ASK`] of the tiles around it ask for samples.
-//! The λ of all tiles together is no chance: from [`DENOISED_FROM`] on, all show as much denoised colour as their own λ says;
-//! not where the jitter of frames is known, as these are not antialiased, however little noise they have. Otherwise, if fewer
-//! than one in [`FEWEST`] shows anything but b, none does, and the next [`REST`] frames are not judged. So it is where the
-//! noise of frames repeats, which looks like detail.
+//! here and there by chance, and λ anything. A tile shows samples, therefore, only if [`ASK`] of the tiles around it ask for
+//! some. Where one in [`FEWEST`] does, the frame has little noise, and all tiles show as much denoised colour as their own λ
+//! says. So they do if the λ of all tiles together, which is no chance, is at least [`DENOISED_FROM`]. Where neither holds,
+//! all show b, and the next [`REST`] frames are not judged; so it is where the noise of frames repeats, which looks like
+//! detail. Frames whose jitter is known are not antialiased, however little noise they have: a tile shows denoised colour
+//! only if it shows samples, too.
 //!
 //! A sample is held down to [`BRIGHTEST`] times the result; a result in which it has a share of an eighth or more is bright
 //! enough to leave it alone. A firefly, nearly all of a tile's evidence, would otherwise be shown at its full brightness.
@@ -131,7 +132,7 @@ pub fn mix(
         let (mut found, left) = carried.unzip();
         if let Some((shares, evidence)) = found.as_mut().zip(left.as_ref()) {
             let smooth = !noise.jittered && ask_for_denoised(shares, evidence);
-            if !agree(shares, smooth) && !smooth {
+            if !agree(shares, noise.jittered) && !smooth {
                 return resting;
             }
         }
@@ -179,9 +180,9 @@ fn ask_for_denoised(shares: &Image, evidence: &Interleaved) -> bool {
     of_all >= DENOISED_FROM && DENOISED_IN * asking >= tiles.len()
 }
 
-/// Lets tiles show the result where too few around them ask for samples, or if it is `smooth`, the result and the denoised
-/// colour. Returns whether enough ask.
-fn agree(shares: &mut Image, smooth: bool) -> bool {
+/// Lets tiles show no samples where too few around them ask for some, nor denoised colour there if frames are jittered.
+/// Returns whether enough ask.
+fn agree(shares: &mut Image, jittered: bool) -> bool {
     let Size { height, width } = shares.size;
     // Number of tiles that ask, above and to the left of a corner.
     let mut before = vec![0; (height + 1) * (width + 1)];
@@ -204,7 +205,7 @@ fn agree(shares: &mut Image, smooth: bool) -> bool {
             if ASK[1] * (inside(bottom) - inside(top)) >= ASK[0] * tiles as u32 {
                 others += 1;
             } else {
-                for c in usize::from(smooth)..collocation::SHARES {
+                for c in usize::from(!jittered)..collocation::SHARES {
                     shares.data_mut()[c * pixels + y * width + x] = 0.0;
                 }
             }
