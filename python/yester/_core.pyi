@@ -1,7 +1,7 @@
 """The compiled half of `yester`; its public names are re-exported there."""
 
-from collections.abc import Mapping, Sequence
-from typing import Any, Literal, Self, TypeAlias, final, overload
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Literal, ParamSpec, Self, TypeAlias, TypeVar, final, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -9,6 +9,8 @@ from typing_extensions import disjoint_base
 
 from .frame import Frame
 
+_Given = ParamSpec("_Given")
+_Result = TypeVar("_Result")
 _Floats: TypeAlias = NDArray[np.float32]
 _Doubles: TypeAlias = NDArray[np.float64]
 _Threshold: TypeAlias = float | tuple[float, float]
@@ -40,6 +42,7 @@ __all__ = [
     "canonical",
     "choice",
     "clip_history",
+    "collect_warnings",
     "collocate",
     "collocation_shares",
     "combine_histories",
@@ -1151,18 +1154,18 @@ class TAA(Pipeline):
         (`innovation`, with the `exposure` of the result and ``fed_back=False``): for changing light in noisy frames.
         Without noise, part of the aliasing is mistaken for change. For denoised frames, see the `samples` of `step`.
     choice : bool, optional
-        With the `samples` of denoised frames: each tile of 8×8 pixels mixes the result with the denoised colour and
-        the samples, by the weights that would have made the error of the frame before least (`collocate`,
+        With the `samples` of denoised frames: each tile of 8×8 pixels mixes the result with the denoised colour and the
+        samples, by the weights that would have made the error of the frame before least (`collocate`,
         `collocation_shares`; frames are fetched by `reproject` without fallback). Frames of many samples are
         antialiased as they come, and have little noise. Samples are mixed into a tile only if at least 3 of 10 tiles,
-        up to 4 tiles away along each axis, ask for a weight above 0.05. Denoised colour is mixed in only there, too,
-        with one exception: into all tiles, if its best weight for all of them together is at least 0.25 and at least a
-        quarter of them ask for more than 0.05. The exception does not apply with known `jitter`, as such frames are not
-        antialiased. Where it does not hold and fewer than one tile in 8 would show anything but the result, the whole
-        frame shows the result alone, and the next five frames are not evaluated. So it mostly is with one sample per
-        pixel, and always with the noise of the frame before (`repetition`), which comes with a `UserWarning`. By
-        luminance, a sample counts for no more than eight times, and is shown as no more than three times, the result
-        plus a sixteenth of its exposure, so that fireflies do not return.
+        up to 4 tiles away along each axis, ask for a weight above 0.05. If that holds for one tile in 8, denoised
+        colour is mixed into all tiles; so it is if its best weight for all of them together is at least 0.25 and at
+        least a quarter of them ask for more than 0.05. With known `jitter`, as such frames are not antialiased, it is
+        mixed only into tiles into which samples are. If neither holds, the whole frame shows the result alone, and the
+        next five frames are not evaluated. So it mostly is with one sample per pixel, and always with the noise of the
+        frame before (`repetition`), which comes with a `UserWarning`. By luminance, a sample counts for no more than
+        eight times, and is shown as no more than three times, the result plus a sixteenth of its exposure, so that
+        fireflies do not return.
         By default only preset "denoised" does this.
 
     Raises
@@ -2004,7 +2007,7 @@ def reproject(
     A tap is valid when it lies inside the image, is finite in every channel of every history image, and passes the
     tests that `consistency` describes; its weight is multiplied by their trust. The scheme is that of SVGF ([1]_,
     section 4.1), with every tap tested on its own. "catmull-rom" is the cubic with a = -½ [2]_, "catmull-rom-5" drops
-    its corner taps [3]_. Without motion, the values are those of `history`, bit for bit.
+    its corner taps [3]_. Without motion, the values are those of `history`, bit for bit, except that −0 becomes 0.
 
     References
     ----------
@@ -2130,7 +2133,7 @@ def reproject(
     A tap is valid when it lies inside the image, is finite in every channel of every history image, and passes the
     tests that `consistency` describes; its weight is multiplied by their trust. The scheme is that of SVGF ([1]_,
     section 4.1), with every tap tested on its own. "catmull-rom" is the cubic with a = -½ [2]_, "catmull-rom-5" drops
-    its corner taps [3]_. Without motion, the values are those of `history`, bit for bit.
+    its corner taps [3]_. Without motion, the values are those of `history`, bit for bit, except that −0 becomes 0.
 
     References
     ----------
@@ -2851,6 +2854,27 @@ def choice(
     >>> best, evidence = yester.choice(evidence, np.zeros((8, 8, 2)), np.ones((8, 8)))
     >>> best
     array([[1.]], dtype=float32)
+    """
+
+def collect_warnings(
+    function: Callable[_Given, _Result], /, *args: _Given.args, **named: _Given.kwargs
+) -> tuple[_Result, list[str]]:
+    """Call a function, and return what pipelines of this thread would warn of, instead of warning.
+
+    Filters of warnings belong to the whole process: a thread that changes them changes what others show.
+
+    Parameters
+    ----------
+    function : callable
+    *args, **named
+        Its arguments.
+
+    Returns
+    -------
+    result
+        What the function returns.
+    messages : list of str
+        The texts of the warnings, in their order.
     """
 
 def collocate(

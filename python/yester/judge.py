@@ -21,11 +21,6 @@ WEIGHTINGS = ("relative", "display")
 
 #: The `repetition` above which the noise of a frame is that of the frame before, as in the pipelines in Rust.
 REPEATS = 0.3
-#: What the pipelines say of it.
-REPEATED = (
-    "color: expected new noise in every frame, got that of the frame before, which hides as much as one frame alone: "
-    "render each with another seed, and none twice"
-)
 
 #: Why the motion of a frame is unknown (`known_motion`).
 UNMOVED = "no motion, and no camera with depth or position to compute it from"
@@ -225,23 +220,6 @@ def repetitions(frames: Sequence[Frame]) -> list[float]:
         share, deviation = repetition(pair[1], pair[0], _fetched_along(before, frame), deviation)
         found.append(share)
     return found
-
-
-class Noise:
-    """Compares the noise of each frame of a sequence with that of the frame before, as the pipelines do."""
-
-    def __init__(self) -> None:
-        self._light: NDArray[np.float32] | None = None
-        self._deviation: NDArray[np.float32] | None = None
-
-    def repeats(self, frame: Frame, motion: NDArray[np.float32] | None) -> bool:
-        """Whether the noise of the next frame is that of the frame before, to which the motion leads."""
-        # A copy: it may be the caller's array, into which the next frame is written.
-        before, self._light = self._light, light(frame).copy()
-        if before is None or motion is None:
-            return False
-        found, self._deviation = repetition(self._light, before, motion, self._deviation)
-        return found > REPEATS
 
 
 def light(frame: Frame) -> NDArray[np.float32]:

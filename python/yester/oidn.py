@@ -22,11 +22,12 @@ from ._core import (
     compare_candidates,
     exposure,
     innovation,
+    repetition,
     reproject,
     settings,
 )
 from .frame import Frame, present
-from .judge import Noise
+from .judge import REPEATS, light
 
 __all__ = ["OIDN", "Network"]
 
@@ -230,7 +231,8 @@ class _Mixture:
     def __init__(self) -> None:
         self._before: tuple[NDArray[np.float32], NDArray[np.float32]] | None = None
         self._evidence: NDArray[np.float32] | None = None
-        self._noise = Noise()
+        self._light: NDArray[np.float32] | None = None
+        self._deviation: NDArray[np.float32] | None = None
 
     def mix(
         self, steady: NDArray[np.float32], fresh: NDArray[np.float32], frame: Frame, known: Output
@@ -241,7 +243,7 @@ class _Mixture:
         difference = dimmer[..., None] * (fresh - steady)
         before, self._before = self._before, (steady, difference)
         motion, shape = known.motion, frame.shape
-        if self._noise.repeats(frame, motion) or before is None or motion is None:
+        if self._repeats(frame, motion) or before is None or motion is None:
             self._evidence = None
             return steady
         (carried, change), covered = reproject(before, motion, fallback=False)
@@ -259,6 +261,15 @@ class _Mixture:
         share = _between_tiles(best, shape) * np.float32(_SHARES[1])
         mixed: NDArray[np.float32] = steady + share[..., None] * difference
         return mixed
+
+    def _repeats(self, frame: Frame, motion: NDArray[np.float32] | None) -> bool:
+        """Whether the noise is that of the frame before, which it would predict best of all."""
+        # A copy: it may be the caller's array, into which the next frame is written.
+        before, self._light = self._light, light(frame).copy()
+        if before is None or motion is None:
+            return False
+        found, self._deviation = repetition(self._light, before, motion, self._deviation)
+        return found > REPEATS
 
 
 def _luminance(color: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ._core import SVGF, Camera, Output, exposure
+from ._core import SVGF, Camera, Output, collect_warnings, exposure
 from .frame import BUFFERS, Frame, alike, turned
 from .io.files import beside
 from .judge import (
@@ -36,7 +36,6 @@ from .judge import (
     rests,
     sums,
 )
-from .motion_check import quietly
 
 __all__ = ["PLANNED", "Plan", "Planned", "Stage", "plan", "split_at_cuts"]
 
@@ -706,7 +705,7 @@ class _Planning:
                 lacking = _lacking(frame, trial.without)
                 start = time.perf_counter()
                 # A window may show nothing but an object that moves by itself. The planned pipeline sees whole frames.
-                output = quietly(svgf.step, lacking)
+                output, _ = collect_warnings(svgf.step, lacking)
                 spent.append(1e3 * (time.perf_counter() - start))
                 images.append(output.color)
             length = float(output.history_length.mean())

@@ -15,10 +15,9 @@ from typing import Any, NamedTuple, Protocol, TypeVar, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from ._core import SVGF, History, Output, blend
+from ._core import SVGF, TAA, History, Output, blend, collect_warnings
 from .frame import Frame, alike, turned
 from .judge import inverse_motion, rests
-from .motion_check import mistake, quietly
 from .plan import Planned, taken_apart
 
 __all__ = ["LOOKAHEAD", "denoise"]
@@ -213,11 +212,13 @@ def _knowing_next(frames: Iterable[Frame]) -> Iterator[Frame]:
 
 def _check_next(frame: Frame, following: Frame) -> bool:
     """Whether `motion_next` seems right; if not, warn, as pipelines warn of `motion`."""
-    found = mistake(turned(following), turned(frame))
-    if found:
-        found = found.replace("motion:", "motion_next:").replace("previous", "next")
+    pipeline = TAA("textbook")
+    pipeline.step(turned(replace(following, motion_next=None)))
+    _, said = collect_warnings(pipeline.step, turned(frame))
+    for text in said:
+        found = text.replace("motion:", "motion_next:").replace("previous", "next")
         warnings.warn(found, stacklevel=_outside())
-    return not found
+    return not said
 
 
 def _outside() -> int:
@@ -281,7 +282,7 @@ def _joined(
 ) -> Iterator[tuple[Frame, Output, History | None]]:
     """Yield each frame, its output with the histories of both sides joined, and the later frames' history."""
     for window, ready in _chunks(frames, lookahead, _alone):
-        histories = _backwards(window, pipeline, lambda back, frame, _: quietly(back.recall, frame))
+        histories = _backwards(window, pipeline, lambda back, frame, _: collect_warnings(back.recall, frame)[0])
         del histories[: len(window) - ready]
         for frame in window[:ready]:
             later = histories.pop()
@@ -295,7 +296,7 @@ def _joined(
 def _averaged(frames: Iterator[Frame], pipeline: _Steps, lookahead: int) -> Iterator[Output]:
     """Yield the means of the results from both sides."""
     for window, ready in _chunks(frames, lookahead, _alone):
-        results = _backwards(window, pipeline, lambda back, frame, _: quietly(back.step, frame))
+        results = _backwards(window, pipeline, lambda back, frame, _: collect_warnings(back.step, frame)[0])
         del results[: len(window) - ready]
         for frame in window[:ready]:
             forward, backward = pipeline.step(frame), results.pop()
@@ -348,7 +349,8 @@ def _finished(
 
     def look(window: list[_Denoised], back: _Stage, frame: Frame, number: int) -> Output:
         _, samples, output, _, ends, _ = window[number]
-        return quietly(back.step, frame, samples=samples, confidence=_unless(ends, output.confidence))
+        given = {"samples": samples, "confidence": _unless(ends, output.confidence)}
+        return collect_warnings(back.step, frame, **given)[0]
 
     done = 0
     for window, ready in _chunks(denoised(), lookahead, lambda item: _alone(item.frame)):
@@ -357,7 +359,7 @@ def _finished(
         for frame, samples, output, begins, _, settled in window[:ready]:
             # Pipelines check motion at their second frame. There, the denoiser has already warned.
             given = {"samples": samples, "confidence": _unless(begins, output.confidence)}
-            finished = quietly(stage.step, frame, **given) if done == 1 else stage.step(frame, **given)
+            finished = collect_warnings(stage.step, frame, **given)[0] if done == 1 else stage.step(frame, **given)
             done += 1
             backward = results.pop()
             if backward is not None:

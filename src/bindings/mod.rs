@@ -66,7 +66,7 @@ mod _core {
     #[pymodule_export]
     use super::pipelines::upscaler::Upscaler;
     #[pymodule_export]
-    use super::pipelines::{History, Output, Pipeline};
+    use super::pipelines::{History, Output, Pipeline, collect_warnings};
     #[pymodule_export]
     use super::regress::regress_;
     #[pymodule_export]

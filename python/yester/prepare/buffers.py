@@ -9,10 +9,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from .._core import SVGF, accumulate, demodulate, estimate_variance, is_reflectance, reproject
+from .._core import SVGF, accumulate, collect_warnings, demodulate, estimate_variance, is_reflectance, reproject
 from ..frame import Frame, present
-from ..judge import REPEATED, UNMOVED, Noise, known_motion, surface_tests
-from ..motion_check import mistake, quietly
+from ..judge import UNMOVED, known_motion, surface_tests
 
 __all__ = ["CHANNELS", "DERIVED", "MOVING", "derive", "filled", "halve", "needs"]
 
@@ -107,10 +106,10 @@ def derive(
     - ``motion`` is computed from the cameras where frames have none; 0 where it is not finite, and in the first frame.
     """
     wanted = set(wanted)
-    denoiser, noise = SVGF() if "denoised" in wanted else None, Noise()
+    denoiser = SVGF() if "denoised" in wanted else None
     before: Frame | None = None
     known: Any = None
-    for number, frame in enumerate(frames):
+    for frame in frames:
         if before is not None and frame.shape != before.shape:
             (height, width), (own, across) = before.shape, frame.shape
             expected = f"height {height} and width {width}, as in earlier frames"
@@ -135,11 +134,10 @@ def derive(
             guides = {name: getattr(frame, name) for name in ("depth", "normal", "ids")}
             images["variance"] = estimate_variance(known.moments, known.history_length, **guides)
         if denoiser is not None:
-            images["denoised"] = quietly(denoiser.step, frame).color
-            if before is not None and number == 1 and (found := mistake(before, frame)):
-                remark(found)
-            if noise.repeats(frame, motion):
-                remark(REPEATED)
+            output, said = collect_warnings(denoiser.step, frame)
+            images["denoised"] = output.color
+            for text in said:
+                remark(text)
         before = frame
         yield {name: images[name] for name in CHANNELS if name in wanted and name in images}, int((~seen).sum())
 

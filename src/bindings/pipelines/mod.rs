@@ -18,7 +18,7 @@ use pyo3::pyclass::boolean_struct::False;
 use pyo3::types::{PyDict, PyTuple};
 
 use self::frame::FrameArgs;
-pub use self::output::{History, Output};
+pub use self::output::{History, Output, collect_warnings};
 use crate::pipelines;
 
 /// Base class of pipelines, which process a sequence frame by frame.

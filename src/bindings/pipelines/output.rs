@@ -1,5 +1,6 @@
 //! What steps write, and the histories that two sides of time join.
 
+use std::cell::RefCell;
 use std::ffi::CString;
 
 use numpy::{Element, PyArrayDyn, PyUntypedArrayMethods};
@@ -7,7 +8,7 @@ use pyo3::exceptions::PyUserWarning;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 
-use crate::bindings::arrays::{COLOR, Channels, Direct, Input, Out, wrong_type};
+use crate::bindings::arrays::{COLOR, Channels, Direct, Input, Out, refuse_mask, wrong_type};
 use crate::bindings::merge::MOMENTS;
 use crate::error::{Error, whole};
 use crate::image::{Size, Value};
@@ -190,6 +191,7 @@ impl<'py> Room<'py> {
 /// The array itself, as results may be written to it.
 fn same_array<T: Element>(value: &Bound<'_, PyAny>, name: &str) -> PyResult<Py<PyArrayDyn<T>>> {
     let py = value.py();
+    refuse_mask(value, name)?;
     let array = value.cast::<PyArrayDyn<T>>().map_err(|_| {
         let got = value
             .getattr("dtype")
@@ -456,7 +458,45 @@ impl<'py> HistoryArgs<'py> {
 const REPEATS: &str = "color: expected new noise in every frame, got that of the frame before, which hides as much as one \
                        frame alone: render each with another seed, and none twice";
 
+thread_local! {
+    /// What this thread's pipelines would have warned of, while someone asks to be told instead.
+    static TOLD: RefCell<Option<Vec<String>>> = const { RefCell::new(None) };
+}
+
+/// Call a function, and return what pipelines of this thread would warn of, instead of warning.
+///
+/// Filters of warnings belong to the whole process: a thread that changes them changes what others show.
+///
+/// Parameters
+/// ----------
+/// function : callable
+/// *args, **named
+///     Its arguments.
+///
+/// Returns
+/// -------
+/// result
+///     What the function returns.
+/// messages : list of str
+///     The texts of the warnings, in their order.
+#[pyfunction]
+#[pyo3(signature = (function, /, *args, **named))]
+pub fn collect_warnings<'py>(
+    function: &Bound<'py, PyAny>,
+    args: &Bound<'py, PyTuple>,
+    named: Option<&Bound<'py, PyDict>>,
+) -> PyResult<(Bound<'py, PyAny>, Vec<String>)> {
+    let before = TOLD.replace(Some(vec![]));
+    let result = function.call(args, named);
+    let messages = TOLD.replace(before).unwrap_or_default();
+    Ok((result?, messages))
+}
+
 pub(super) fn warn(py: Python<'_>, message: &str) -> PyResult<()> {
+    let told = TOLD.with_borrow_mut(|told| told.as_mut().map(|told| told.push(message.into())));
+    if told.is_some() {
+        return Ok(());
+    }
     let category = py.get_type::<PyUserWarning>();
     PyErr::warn(py, &category, &CString::new(message)?, 1)
 }
