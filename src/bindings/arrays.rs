@@ -9,7 +9,7 @@ use numpy::{
     Element, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyReadwriteArrayDyn, PyUntypedArray,
     PyUntypedArrayMethods,
 };
-use pyo3::exceptions::{PyMemoryError, PyTypeError, PyValueError};
+use pyo3::exceptions::{PyMemoryError, PyRuntimeError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 
@@ -287,6 +287,14 @@ fn unreadable(value: &Bound<'_, PyAny>, name: &str, error: PyErr) -> PyErr {
     } else if error.is_instance_of::<PyValueError>(value.py()) {
         // Such as lists of rows of different length.
         return PyValueError::new_err(format!("{name}: {}", error.value(value.py())));
+    } else if error.is_instance_of::<PyTypeError>(value.py())
+        || error.is_instance_of::<PyRuntimeError>(value.py())
+    {
+        let kind = (value.get_type().name()).map_or(String::new(), |name| name.to_string());
+        &format!(
+            "{kind}, which numpy cannot read: {}",
+            error.value(value.py())
+        )
     } else {
         return error;
     };

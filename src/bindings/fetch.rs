@@ -88,7 +88,7 @@ use crate::kernels::fetch::validate::{self, Threshold};
 /// A tap is valid when it lies inside the image, is finite in every channel of every history image, and passes the
 /// tests that `consistency` describes; its weight is multiplied by their trust. The scheme is that of SVGF ([1]_,
 /// section 4.1), with every tap tested on its own. "catmull-rom" is the cubic with a = -½ [2]_, "catmull-rom-5" drops
-/// its corner taps [3]_. Without motion, the values are those of `history`, bit for bit.
+/// its corner taps [3]_. Without motion, the values are those of `history`, bit for bit, except that −0 becomes 0.
 ///
 /// References
 /// ----------
