@@ -425,6 +425,29 @@ def test_frames_of_many_samples_keep_what_they_have(method):
     assert mean["mixed"] < 0.6 * mean["not mixed"]
 
 
+def test_tiles_without_samples_show_denoised_colour():
+    """Where one tile in eight shows samples, frames have little noise, and each tile's own evidence decides."""
+    rng = np.random.default_rng(8)
+    y, x = np.mgrid[:96, :192]
+    left, edge = (x < 152)[..., None], x[0] >= 176
+    motion = np.broadcast_to(np.float32([0.5, 0]), (96, 192, 2))
+    mixing, plain, other = yester.TAA("denoised"), yester.TAA("denoised", choice=False), composed.Mixing()
+    errors = []
+    for number in range(14):
+        truth = 2 + np.sin(1.9 * (x + 0.5 * number))[..., None] * np.cos(1.7 * y)[..., None] * np.ones(3)
+        noise = rng.standard_normal((96, 192, 3))
+        # To the left, denoised detail is inverted, and samples show it; to the right, denoised colour is right.
+        samples = (truth + np.where(left, 0.02, 1.0) * noise).astype(np.float32)
+        smooth = np.where(left, 4 - truth, truth).astype(np.float32)
+        frame = yester.Frame(smooth, motion=motion)
+        shown = [stage.step(frame, samples=samples).color for stage in (mixing, plain)]
+        given = {"exposure": yester.exposure(smooth), "repeats": False, "aliased": False}
+        assert_same_bits(shown[0], other.mix(samples, smooth, motion, shown[1], **given))
+        errors.append([relmse(image[:, edge], truth[:, edge]) for image in shown])
+    mixed, alone = np.mean(errors[7:], 0)
+    assert mixed < 0.2 * alone
+
+
 def test_noise_keeps_the_output_stage():
     """In frames of one sample, all tiles show the output stage's result."""
     mixing, plain = yester.SVGF().split()[1], yester.TAA("denoised", innovation=True, choice=False)
