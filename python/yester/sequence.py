@@ -10,7 +10,7 @@ from dataclasses import replace
 from functools import partial
 from itertools import chain
 from operator import index
-from typing import Any, NamedTuple, Protocol, TypeVar, runtime_checkable
+from typing import Any, NamedTuple, ParamSpec, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,6 +60,7 @@ class _Recalls(Protocol):
     def split(self, *, both_sides: bool) -> tuple[_Recalls, _Stage | None]: ...
 
 
+_Given = ParamSpec("_Given")
 _Item = TypeVar("_Item")
 _Pipeline = TypeVar("_Pipeline")
 _Result = TypeVar("_Result")
@@ -221,6 +222,12 @@ def _check_next(frame: Frame, following: Frame) -> bool:
     return not said
 
 
+def _quiet(step: Callable[_Given, _Result], *args: _Given.args, **named: _Given.kwargs) -> _Result:
+    """What a step returns, without its warnings."""
+    result, _ = collect_warnings(step, *args, **named)
+    return result
+
+
 def _outside() -> int:
     """The level in the caller's stack of the function outside this module, for a warning that should name its line."""
     level, frame = 0, inspect.currentframe()
@@ -282,7 +289,7 @@ def _joined(
 ) -> Iterator[tuple[Frame, Output, History | None]]:
     """Yield each frame, its output with the histories of both sides joined, and the later frames' history."""
     for window, ready in _chunks(frames, lookahead, _alone):
-        histories = _backwards(window, pipeline, lambda back, frame, _: collect_warnings(back.recall, frame)[0])
+        histories = _backwards(window, pipeline, lambda back, frame, _: _quiet(back.recall, frame))
         del histories[: len(window) - ready]
         for frame in window[:ready]:
             later = histories.pop()
@@ -296,7 +303,7 @@ def _joined(
 def _averaged(frames: Iterator[Frame], pipeline: _Steps, lookahead: int) -> Iterator[Output]:
     """Yield the means of the results from both sides."""
     for window, ready in _chunks(frames, lookahead, _alone):
-        results = _backwards(window, pipeline, lambda back, frame, _: collect_warnings(back.step, frame)[0])
+        results = _backwards(window, pipeline, lambda back, frame, _: _quiet(back.step, frame))
         del results[: len(window) - ready]
         for frame in window[:ready]:
             forward, backward = pipeline.step(frame), results.pop()
@@ -349,8 +356,7 @@ def _finished(
 
     def look(window: list[_Denoised], back: _Stage, frame: Frame, number: int) -> Output:
         _, samples, output, _, ends, _ = window[number]
-        given = {"samples": samples, "confidence": _unless(ends, output.confidence)}
-        return collect_warnings(back.step, frame, **given)[0]
+        return _quiet(back.step, frame, samples=samples, confidence=_unless(ends, output.confidence))
 
     done = 0
     for window, ready in _chunks(denoised(), lookahead, lambda item: _alone(item.frame)):
@@ -359,7 +365,7 @@ def _finished(
         for frame, samples, output, begins, _, settled in window[:ready]:
             # Pipelines check motion at their second frame. There, the denoiser has already warned.
             given = {"samples": samples, "confidence": _unless(begins, output.confidence)}
-            finished = collect_warnings(stage.step, frame, **given)[0] if done == 1 else stage.step(frame, **given)
+            finished = _quiet(stage.step, frame, **given) if done == 1 else stage.step(frame, **given)
             done += 1
             backward = results.pop()
             if backward is not None:

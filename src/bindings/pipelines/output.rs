@@ -459,7 +459,7 @@ const REPEATS: &str = "color: expected new noise in every frame, got that of the
                        frame alone: render each with another seed, and none twice";
 
 thread_local! {
-    /// What this thread's pipelines would have warned of, while someone asks to be told instead.
+    /// Texts of this thread's warnings, while [`collect_warnings`] runs.
     static TOLD: RefCell<Option<Vec<String>>> = const { RefCell::new(None) };
 }
 
