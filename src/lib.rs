@@ -63,8 +63,8 @@
 //!            combine_histories, converge                        and both sides of time put together
 //!   smooth   suppress_fireflies, fix_history, reconstruct,      the remaining noise
 //!            estimate_variance ► atrous, regress ► restore_detail, is filtered in space,
-//!            morphological_aa, joint_bilateral_upsample,        and pixels without samples are filled
-//!            sharpen
+//!            morphological_aa, smooth_edges, sharpen,           edges become smooth,
+//!            joint_bilateral_upsample                           and pixels without samples are filled
 //!   numpy ◄─ bindings ─── views
 //! ```
 //!

@@ -155,6 +155,7 @@ def calls(height: int = 6, width: int = 9, seed: int = 0) -> dict[str, tuple[Cal
         ),
         "thin_features": (yester.thin_features, {"color": color}),
         "sharpen": (yester.sharpen, {"color": color}),
+        "smooth_edges": (yester.smooth_edges, {"color": history}),
         "estimate_variance": (
             yester.estimate_variance,
             {"moments": moments, "history_length": length, **now},

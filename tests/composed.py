@@ -385,7 +385,10 @@ class TAA:
         still = find_still(frame, self.before)
         merged = antialias(for_frame(self.settings, frame), self.history, color, motion, frame.depth, still, tests)
         self.history, confidence, rejection = merged
-        shown, length = blacken(self.history[0]), self.history[1]
+        shown, length = self.history[:2]
+        if self.settings["smooth_edges"]:
+            shown = yester.smooth_edges(shown, exposure=yester.exposure(color))
+        shown = blacken(shown)
         if self.innovation and self.before is not None:
             known = {"evidence": self.evidence, "motion": motion, "exposure": yester.exposure(color)}
             found, self.evidence = yester.innovation(frame.color, shown, length, **known, fed_back=False)
@@ -908,8 +911,9 @@ class SVGF:
         if self.innovation and before is not None:
             about["lag"] = lambda *old: SVGF.follow(self, frame, before, color, motion, others, *old)
         self.antialiased, _, _ = antialias(for_frame(stage, frame), before, color, motion, frame.depth, **about)
-        shown, length = blacken(self.antialiased[0]), self.antialiased[1]
+        shown, length = self.antialiased[:2]
         exposure = yester.exposure(color)
+        shown = blacken(yester.smooth_edges(shown, exposure=exposure) if stage["smooth_edges"] else shown)
         if self.innovation and before is not None:
             known = {"evidence": self.rest, "motion": motion, "exposure": exposure}
             known |= {"strictness": 12, "share": 0.7}

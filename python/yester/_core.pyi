@@ -80,6 +80,7 @@ __all__ = [
     "restore_detail",
     "settings",
     "sharpen",
+    "smooth_edges",
     "splat",
     "suppress_fireflies",
     "temporal_gradient",
@@ -1153,6 +1154,10 @@ class TAA(Pipeline):
         Add the error of the result, as estimated from the samples of this and a few earlier frames, to the output
         (`innovation`, with the `exposure` of the result and ``fed_back=False``): for changing light in noisy frames.
         Without noise, part of the aliasing is mistaken for change. For denoised frames, see the `samples` of `step`.
+    smooth_edges : bool, optional
+        Show the result smoothed along its edges (`smooth_edges`, with the exposure of the denoised colour if there are
+        `samples`); history stays as it is. Edges of denoised frames, whose pixels show either surface by chance, become
+        straight. By default only preset "denoised" does this.
     choice : bool, optional
         With the `samples` of denoised frames: each tile of 8×8 pixels mixes the result with the denoised colour and the
         samples, by the weights that would have made the error of the frame before least (`collocate`,
@@ -1178,17 +1183,17 @@ class TAA(Pipeline):
     clip_history : Clips history to the neighbourhood.
     resolve : Makes the image to which antialiasing should converge.
     Upscaler : Antialiases and upscales.
-    morphological_aa : Antialiases a single image.
+    morphological_aa, smooth_edges : Antialias a single image, without and with noise.
 
     Notes
     -----
     Each step consists of this package's functions and gives their bits: `motion_vectors`, `depth_change` (for tests of
     depth), `suppress_fireflies`, `resolve` (with "blackman-harris", of frames that tell their jitter, but for
     "textbook"), `dilate_motion`, `reproject` without fallback, `blend_factor`, `exposure`, `clip_history`,
-    `alternation`, `anti_lag`, `temporal_gradient` (``noise=2.2, passes=3, widest=5``), `blend`. The weight of a pixel's
-    N-th sample is at least 1/N. With a gradient λ, N is first shortened to N (1 - λ)¹⁰, and the weight a becomes
-    ``lerp(a, 1, λ)``, as in `accumulate`. Preset "karis" follows Karis [1]_, "filament" Google's Filament [2]_; Yang et
-    al. [3]_ survey the field. The presets set:
+    `alternation`, `anti_lag`, `temporal_gradient` (``noise=2.2, passes=3, widest=5``), `blend`, `smooth_edges`. The
+    weight of a pixel's N-th sample is at least 1/N. With a gradient λ, N is first shortened to N (1 - λ)¹⁰, and the
+    weight a becomes ``lerp(a, 1, λ)``, as in `accumulate`. Preset "karis" follows Karis [1]_, "filament" Google's
+    Filament [2]_; Yang et al. [3]_ survey the field. The presets set:
 
     ===============  ==================  ==================  ==========  ==========  ===============
     parameter        best                denoised            textbook    karis       filament
@@ -1209,6 +1214,7 @@ class TAA(Pipeline):
     response         "clamp"             "center"            "clamp"     "center"    "current"
     weighting        "none"              "none"              "none"      "tone"      "tone"
     flicker          1                   1                   1           0.2         1
+    smooth_edges     False               True                False       False       False
     choice           False               True                False       False       False
     ===============  ==================  ==================  ==========  ==========  ===============
 
@@ -1260,6 +1266,7 @@ class TAA(Pipeline):
         anti_lag: float = 0.0,
         alternation: bool = False,
         innovation: bool = False,
+        smooth_edges: bool | None = None,
         choice: bool | None = None,
     ) -> Self: ...
     def step(
@@ -5171,6 +5178,66 @@ def remodulate(
     array([[[1.1, 1.1, 1.1]]], dtype=float32)
     """
 
+def smooth_edges(color: ArrayLike, *, exposure: float = 1.0, out: _Floats | None = None) -> _Floats:
+    """Smooth an image along its edges: antialiasing of denoised frames.
+
+    Parameters
+    ----------
+    color : (H, W, 3) array_like of float
+        Linear. Pixels with NaN or infinity are missing: they and all within four pixels keep their bits.
+    exposure : float, default 1.0
+        The radiance that counts as 1, above 0, as `exposure` returns it.
+    out : (H, W, 3) float32 array, optional
+        Written and returned instead of a new array; it may be an input.
+
+    Returns
+    -------
+    color : (H, W, 3) float32
+        Pixels on straight edges are averaged with four others on the edge; pixels on no edge keep their bits.
+
+    Raises
+    ------
+    ValueError
+        On wrong shapes or an exposure out of range.
+
+    See Also
+    --------
+    morphological_aa : Antialiasing of images without noise.
+    TAA : Antialiasing over time, with the option `smooth_edges`.
+
+    Notes
+    -----
+    In a denoised frame of one sample per pixel, a pixel of an edge shows either of two surfaces by chance. Let g be the
+    gradient of the tone ``l / (l + e)``, of the luminance ``l >= 0`` and the exposure e (central differences, averaged
+    by ``{1, 2, 1}/4`` across), ``[[a, b], [b, d]]`` the mean of ``g gᵀ`` by binomial weights over 7×7 pixels (the
+    structure tensor [1]_), and ``R = sqrt((a - d)² + 4b²)``. The edge goes from row to row by ``-2b / (a - d + R)``
+    columns where ``a > d``, else from column to column by ``-2b / (d - a + R)`` rows. Taps v are one and two rows (or
+    columns) before and after, interpolated by a Catmull-Rom spline within the range of its four pixels, and weigh
+    ``{1, 4, 6, 4, 1}`` times ``1 / (1 + l(v) / 2e)``. With m their weighted mean, the pixel c becomes
+    ``c + s (m - c)``, where::
+
+        s = max(0, 16 t - 1) / 15
+        t = clip((a + d) / 3e-5 - 1, 0, 1) * (R / (a + d))**4 / (1 + (l_max / 12e)²)
+
+    and l_max is the largest luminance of 3×3 pixels. ``R / (a + d)``, the coherence [2]_, is 1 on a straight edge and
+    less in corners, on crossings and in noise; near lamps far brighter than the frame, a small error is large for the
+    dark beside them. Borders are replicated.
+
+    References
+    ----------
+    .. [1] J. Bigün, G. H. Granlund, "Optimal orientation detection of linear symmetry", ICCV, 1987.
+    .. [2] J. E. Kyprianidis, H. Kang, "Image and video abstraction by coherence-enhancing filtering", Computer Graphics
+       Forum 30(2), 2011.
+
+    Examples
+    --------
+    >>> color = np.zeros((9, 9, 3))
+    >>> color[:, 5:] = 1
+    >>> color[:, 4] = np.array([0.75, 0.25, 0.75, 0.25, 0.75, 0.25, 0.75, 0.25, 0.75])[:, None]
+    >>> yester.smooth_edges(color)[3:6, 4, 0].round(2)
+    array([0.47, 0.48, 0.47], dtype=float32)
+    """
+
 def morphological_aa(
     color: ArrayLike, *, threshold: float = 0.1, max_length: int = 16, out: _Floats | None = None
 ) -> _Floats:
@@ -5201,6 +5268,7 @@ def morphological_aa(
     See Also
     --------
     TAA : Antialiasing over time.
+    smooth_edges : Antialiasing of denoised frames.
     resolve : Antialiasing from several jittered frames.
 
     Notes

@@ -74,7 +74,7 @@ mod _core {
     #[pymodule_export]
     use super::smooth::{
         atrous_, demodulate_, estimate_variance_, fix_history_, is_reflectance_, material_ids_,
-        morphological_aa_, remodulate_, restore_detail_, suppress_fireflies_,
+        morphological_aa_, remodulate_, restore_detail_, smooth_edges_, suppress_fireflies_,
     };
     #[pymodule_export]
     use super::upscale::{disocclusion_, resample_, sharpen_, thin_features_};

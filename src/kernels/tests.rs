@@ -19,8 +19,8 @@ use super::judge::{
 use super::merge::{accumulate, blend, combine, recirculate, resample, resolve};
 use super::smooth::guide::{Guide, Sigmas};
 use super::smooth::{
-    atrous, demodulate, fireflies, history_fix, joint_bilateral, lend, morphological, reflectance,
-    regress, sharpen, variance,
+    atrous, demodulate, edges, fireflies, history_fix, joint_bilateral, lend, morphological,
+    reflectance, regress, sharpen, variance,
 };
 use crate::image::{Image, Interleaved, Pixels, Size, plane_bands, segments};
 use crate::pixels::{MotionLanes, PixelsMut};
@@ -687,6 +687,11 @@ proptest! {
         in_range_of(&written!(size, 3, |sharp| sharpen::sharpen(color.pixels(), params, sharp)), &[&color], true)?;
         let params = sharpen::Params { exposure: draw.of(&ABOVE_0), ..params };
         written!(size, 3, |sharp| sharpen::sharpen(wild.pixels(), params, sharp));
+
+        let mut smoothed = color.clone();
+        edges::smooth_edges(color.pixels(), draw.of(&EXPOSURES), smoothed.pixels_mut());
+        in_range_of(smoothed.pixels().elements().0, &[&color], true)?;
+        edges::smooth_edges(wild.pixels(), draw.of(&ABOVE_0), wild.clone().pixels_mut());
 
         let params = morphological::Params { threshold: 0.1, max_length: draw.of(&[1, 32]) };
         let smoothed = morphological::morphological_aa(color.view(), params);

@@ -2,7 +2,7 @@
 //!
 //!   (motion from cameras) → (suppress fireflies) → (resolve the jittered sample) → (change of light) → (expose)
 //!     → (lag) → (temporal gradient) → (alternation) → dilate → reproject → (catch up) → clip → (anti-lag) → blend
-//!     → (innovation) → (mix)
+//!     → (smooth edges) → (innovation) → (mix)
 //!
 //! From dilation to blend the kernels run in one fused pass ([`sweep`]). The temporal gradient looks at larger windows and
 //! alternation has a history of its own, so both run before it and reproject for themselves.
@@ -41,6 +41,7 @@ use crate::kernels::judge::gradient::{self, find_gradient};
 use crate::kernels::judge::innovation::{self, innovation};
 use crate::kernels::judge::light_change::light_change_along;
 use crate::kernels::merge::resolve::{self, resolve};
+use crate::kernels::smooth::edges::smooth_edges;
 use crate::pixels::PixelsMut;
 
 /// Finds changes of light beyond what aliasing explains. Each pass adds false alarms, hence a margin for noise above the
@@ -175,6 +176,7 @@ impl Stage {
         let (out, others) = (PixelsMut::bands(color.size, 3, shown), input.others);
         let missing = self.step(params, color, lag.as_ref(), motion, choice, out, others);
         drop(still);
+        self.smooth_edges(bright, shown);
         let (correction, weight) = (input.correction, input.weight);
         self.correct(correction, samples, weight, motion, bright, shown);
         if let Origin::Denoiser { repeats } = input.origin
@@ -294,6 +296,15 @@ impl Stage {
             first,
         });
         missing
+    }
+
+    /// Shows the history of [`Self::step`] smoothed along its edges.
+    fn smooth_edges(&self, exposure: f32, shown: &mut [f32]) {
+        if let Some(history) = self.history.as_ref().filter(|_| self.params.smooth_edges) {
+            let color = history.merged.pixels().part(0..3);
+            let out = PixelsMut::bands(color.size, 3, shown);
+            smooth_edges(color, exposure, out);
+        }
     }
 
     /// Corrects what [`Self::step`] has shown by the innovation of the frame's samples, and with it the history if that is fed

@@ -21,6 +21,7 @@ from .demodulate import demodulate, is_reflectance, material_ids, remodulate
 from .depth_change import depth_change
 from .dilate import dilate_motion
 from .disocclusion import disocclusion
+from .edges import smooth_edges
 from .exposure import exposure
 from .fireflies import suppress_fireflies
 from .gradient import temporal_gradient
@@ -109,6 +110,7 @@ __all__ = [
     "resolve",
     "restore_detail",
     "sharpen",
+    "smooth_edges",
     "splat",
     "suppress_fireflies",
     "temporal_gradient",

@@ -10,6 +10,7 @@ from .coherence import coarse_ids, coherent_guides, incoherent_guides
 from .combine import combine_histories
 from .consistency import consistency
 from .demodulate import demodulate, disowned, remodulate, texture_of
+from .edges import smooth_edges
 from .exposure import exposure
 from .fireflies import suppress_fireflies
 from .gradient import temporal_gradient
@@ -257,7 +258,8 @@ class SVGF:
 
         given = frame.depth, still, None, others, late
         (color, length), *_ = antialias(stage, before, smooth, motion, *given)  # (H, W, 3), (H, W)
-        shown = color.where(color.isfinite(), 0)  # (H, W, 3)
+        shown = smooth_edges(color, exposure=bright) if stage["smooth_edges"] else color  # (H, W, 3)
+        shown = shown.where(shown.isfinite(), 0)  # (H, W, 3)
         if self.innovation and before is not None:
             known = {
                 "evidence": self.rest,

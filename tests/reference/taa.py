@@ -16,6 +16,7 @@ from .collocation import collocate, collocation_shares, of_all
 from .consistency import consistency
 from .depth_change import depth_change
 from .dilate import dilate_motion
+from .edges import smooth_edges
 from .exposure import exposure
 from .fireflies import suppress_fireflies
 from .gradient import temporal_gradient
@@ -52,6 +53,7 @@ TEXTBOOK = {
     "gradient": False,
     "anti_lag": 0.0,
     "alternation": False,
+    "smooth_edges": False,
     "choice": False,
 }
 KARIS = TEXTBOOK | {
@@ -91,6 +93,7 @@ DENOISED = BEST | {
     "alpha": 0.1,
     "fast_alpha": 0.3,
     "guided_exposure": 16.0,
+    "smooth_edges": True,
     "choice": True,
 }
 PRESETS = {"best": BEST, "denoised": DENOISED, "textbook": TEXTBOOK, "karis": KARIS, "filament": FILAMENT}
@@ -477,7 +480,10 @@ class TAA:
         still = find_still(frame, self.before)  # (H, W, 3)
         merged = antialias(for_frame(self.settings, frame), self.history, color, motion, frame.depth, still, tests)
         self.history, confidence, rejection = merged
-        shown, length = self.history[0].nan_to_num(0, 0, 0), self.history[1]  # (H, W, 3), (H, W)
+        shown, length = self.history[:2]  # (H, W, 3), (H, W)
+        if self.settings["smooth_edges"]:
+            shown = smooth_edges(shown, exposure=exposure(color))  # (H, W, 3)
+        shown = shown.nan_to_num(0, 0, 0)  # (H, W, 3)
         if self.innovation and self.before is not None:
             known = {"evidence": self.evidence, "motion": motion, "exposure": exposure(color)}
             found, self.evidence = innovation(frame.color, shown, length, **known, fed_back=False)  # and (h, w, 4)

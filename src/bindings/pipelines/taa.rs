@@ -85,6 +85,10 @@ use crate::pipelines::taa;
 ///     Add the error of the result, as estimated from the samples of this and a few earlier frames, to the output
 ///     (`innovation`, with the `exposure` of the result and ``fed_back=False``): for changing light in noisy frames.
 ///     Without noise, part of the aliasing is mistaken for change. For denoised frames, see the `samples` of `step`.
+/// smooth_edges : bool, optional
+///     Show the result smoothed along its edges (`smooth_edges`, with the exposure of the denoised colour if there are
+///     `samples`); history stays as it is. Edges of denoised frames, whose pixels show either surface by chance, become
+///     straight. By default only preset "denoised" does this.
 /// choice : bool, optional
 ///     With the `samples` of denoised frames: each tile of 8×8 pixels mixes the result with the denoised colour and the
 ///     samples, by the weights that would have made the error of the frame before least (`collocate`,
@@ -110,17 +114,17 @@ use crate::pipelines::taa;
 /// clip_history : Clips history to the neighbourhood.
 /// resolve : Makes the image to which antialiasing should converge.
 /// Upscaler : Antialiases and upscales.
-/// morphological_aa : Antialiases a single image.
+/// morphological_aa, smooth_edges : Antialias a single image, without and with noise.
 ///
 /// Notes
 /// -----
 /// Each step consists of this package's functions and gives their bits: `motion_vectors`, `depth_change` (for tests of
 /// depth), `suppress_fireflies`, `resolve` (with "blackman-harris", of frames that tell their jitter, but for
 /// "textbook"), `dilate_motion`, `reproject` without fallback, `blend_factor`, `exposure`, `clip_history`,
-/// `alternation`, `anti_lag`, `temporal_gradient` (``noise=2.2, passes=3, widest=5``), `blend`. The weight of a pixel's
-/// N-th sample is at least 1/N. With a gradient λ, N is first shortened to N (1 - λ)¹⁰, and the weight a becomes
-/// ``lerp(a, 1, λ)``, as in `accumulate`. Preset "karis" follows Karis [1]_, "filament" Google's Filament [2]_; Yang et
-/// al. [3]_ survey the field. The presets set:
+/// `alternation`, `anti_lag`, `temporal_gradient` (``noise=2.2, passes=3, widest=5``), `blend`, `smooth_edges`. The
+/// weight of a pixel's N-th sample is at least 1/N. With a gradient λ, N is first shortened to N (1 - λ)¹⁰, and the
+/// weight a becomes ``lerp(a, 1, λ)``, as in `accumulate`. Preset "karis" follows Karis [1]_, "filament" Google's
+/// Filament [2]_; Yang et al. [3]_ survey the field. The presets set:
 ///
 /// ===============  ==================  ==================  ==========  ==========  ===============
 /// parameter        best                denoised            textbook    karis       filament
@@ -141,6 +145,7 @@ use crate::pipelines::taa;
 /// response         "clamp"             "center"            "clamp"     "center"    "current"
 /// weighting        "none"              "none"              "none"      "tone"      "tone"
 /// flicker          1                   1                   1           0.2         1
+/// smooth_edges     False               True                False       False       False
 /// choice           False               True                False       False       False
 /// ===============  ==================  ==================  ==========  ==========  ===============
 ///
@@ -172,7 +177,7 @@ impl TAA {
     #[pyo3(signature = (preset="best", *, alpha=None, fast_alpha=None, speed=None, unguided_alpha=None, guided_exposure=None, dilate=None, dilate_margin=None,
         dilate_movers=None, filter=None, r#box=None, gamma=None, window=None, space=None, response=None, weighting=None, flicker=None,
         relative_depth=None, plane_distance=None, normal_angle=None, relative_albedo=None, ids=false, fireflies=false, gradient=false, anti_lag=0.0, alternation=false,
-        innovation=false, choice=None))]
+        innovation=false, smooth_edges=None, choice=None))]
     fn new(
         py: Python<'_>,
         preset: &str,
@@ -202,6 +207,7 @@ impl TAA {
         anti_lag: f32,
         alternation: bool,
         innovation: bool,
+        smooth_edges: Option<bool>,
         choice: Option<bool>,
     ) -> PyResult<PyClassInitializer<Self>> {
         /// Parses the mode, or keeps the preset's.
@@ -258,6 +264,7 @@ impl TAA {
             fed_back: false,
             ..Default::default()
         });
+        params.smooth_edges = smooth_edges.unwrap_or(params.smooth_edges);
         params.choice = choice.unwrap_or(params.choice);
         let inner = taa::Taa::new(params)?;
         Ok(Pipeline::made(Self { inner }))

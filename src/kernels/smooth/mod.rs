@@ -3,6 +3,7 @@
 pub mod atrous;
 pub(crate) mod box_sums;
 pub mod demodulate;
+pub mod edges;
 pub mod fireflies;
 pub mod guide;
 pub mod history_fix;

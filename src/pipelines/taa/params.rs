@@ -55,6 +55,8 @@ pub struct Params {
     /// Corrects the result by the innovation of new samples, if these are noisy; of a denoised colour, only that of the samples
     /// before it.
     pub innovation: Option<innovation::Params>,
+    /// Whether what is shown is smoothed along its edges; history is not.
+    pub smooth_edges: bool,
     /// Whether the result of a denoised colour is mixed with it and the samples before it, as these tell tile by tile.
     pub choice: bool,
 }
@@ -189,6 +191,7 @@ impl Params {
         anti_lag: 0.0,
         alternation: false,
         innovation: None,
+        smooth_edges: false,
         choice: false,
     };
 
@@ -262,6 +265,7 @@ impl Params {
     /// but a light that is switched on (`switched_light`) comes more slowly, by 0.1 to 0.2 dB.
     pub const DENOISED: Self = Self {
         dilate_movers: false,
+        smooth_edges: true,
         choice: true,
         clip: neighborhood::Params {
             gamma: 0.75,
@@ -326,7 +330,8 @@ impl Params {
         let weighs = self.blend.weighting != Weighting::None || self.alternation;
         let follows = self.dilate.is_some() && !self.dilate_movers;
         let tone_mapped = self.clip.space.is_tone_mapped();
-        match tone_mapped || weighs || follows || self.innovation.is_some() {
+        let smooths = self.smooth_edges;
+        match tone_mapped || weighs || follows || smooths || self.innovation.is_some() {
             true => exposure(color),
             false => 1.0,
         }

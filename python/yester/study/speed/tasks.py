@@ -315,6 +315,7 @@ TASKS = (
     Task("regress, fewest", "regress", _named("color", "normal", "camera", geometry="depth")),
     Task("regress, all", "regress", _named("color", "normal", "camera", geometry="depth"), {"features": "all"}),
     Task("morphological_aa", "morphological_aa", _named("color")),
+    Task("smooth_edges", "smooth_edges", _named(color="history")),
     Task("TAA", "TAA", jitter=(0.25, -0.125)),
     Task("TAA, box without tone mapping", "TAA", {}, _UNMAPPED, (_LINEAR,)),
     Task("BMFR", "BMFR", rivals=("OIDN high",)),
