@@ -913,7 +913,9 @@ class SVGF:
         self.antialiased, _, _ = antialias(for_frame(stage, frame), before, color, motion, frame.depth, **about)
         shown, length = self.antialiased[:2]
         exposure = yester.exposure(color)
-        shown = blacken(yester.smooth_edges(shown, exposure=exposure) if stage["smooth_edges"] else shown)
+        if stage["smooth_edges"]:
+            shown = yester.smooth_edges(shown, newest=color, exposure=exposure)
+        shown = blacken(shown)
         if self.innovation and before is not None:
             known = {"evidence": self.rest, "motion": motion, "exposure": exposure}
             known |= {"strictness": 12, "share": 0.7}

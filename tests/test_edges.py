@@ -30,9 +30,12 @@ def test_reference(size, exposure, holes):
     color = compare.colors(rng, *size, holes=holes)
     color[..., : size[1] // 2, :] *= np.float32(0.01)  # an edge
     color[rng.random(size) < 0.02] *= -1
-    got = yester.smooth_edges(color, exposure=exposure)
-    want = reference.smooth_edges(tensor(color), exposure=exposure).numpy()
-    compare.assert_close("smooth_edges", got, want, scale=np.max(np.abs(np.nan_to_num(color, 0, 0, 0)), initial=0))
+    scale = np.max(np.abs(color), where=np.isfinite(color), initial=0)
+    for newest in (None, compare.colors(rng, *size, holes=0.1)):
+        got = yester.smooth_edges(color, newest=newest, exposure=exposure)
+        given = None if newest is None else tensor(newest)
+        want = reference.smooth_edges(tensor(color), newest=given, exposure=exposure).numpy()
+        compare.assert_close("smooth_edges", got, want, scale=scale)
 
 
 @each("angle", np.linspace(0, np.pi, 13))
@@ -45,6 +48,18 @@ def test_straight_edges_lose_their_noise(angle):
             errors.append(np.mean((one[4:-4, 4:-4, 0] - (0.1 + 0.8 * coverage[4:-4, 4:-4])) ** 2))
     before, after = np.mean(errors[::2]), np.mean(errors[1::2])
     assert after < (0.6 if before > 0 else 1) * before or before == after == 0
+
+
+def test_straight_edges_show_more_of_the_newest_frame():
+    late = np.repeat((0.1 + 0.8 * halves(0.4))[..., None], 3, -1).astype(np.float32)
+    plain = yester.smooth_edges(late)
+    more = (yester.smooth_edges(late, newest=late + np.float32(0.02)) - plain)[6:-6, 6:-6] / 0.02
+    edge = ((late > 0.2) & (late < 0.8))[6:-6, 6:-6]
+    np.testing.assert_allclose(more[edge], 0.15, atol=0.02)
+    assert (more <= 0.16).all()
+    assert_same_bits(yester.smooth_edges(late, newest=np.full_like(late, np.nan)), plain)
+    # A lamp that shines into the newest frame is not news of an edge.
+    assert yester.smooth_edges(late, newest=np.full_like(late, 1e30)).max() <= late.max()
 
 
 def test_what_is_no_edge_keeps_its_bits():

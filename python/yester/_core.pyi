@@ -1155,9 +1155,9 @@ class TAA(Pipeline):
         (`innovation`, with the `exposure` of the result and ``fed_back=False``): for changing light in noisy frames.
         Without noise, part of the aliasing is mistaken for change. For denoised frames, see the `samples` of `step`.
     smooth_edges : bool, optional
-        Show the result smoothed along its edges (`smooth_edges`, with the exposure of the denoised colour if there are
-        `samples`); history stays as it is. Edges of denoised frames, whose pixels show either surface by chance, become
-        straight. By default only preset "denoised" does this.
+        Show the result smoothed along its edges (`smooth_edges`; if there are `samples`, with the denoised colour as
+        `newest` and its exposure); history stays as it is. Edges of denoised frames, whose pixels show either surface
+        by chance, become straight. By default only preset "denoised" does this.
     choice : bool, optional
         With the `samples` of denoised frames: each tile of 8×8 pixels mixes the result with the denoised colour and the
         samples, by the weights that would have made the error of the frame before least (`collocate`,
@@ -5178,13 +5178,18 @@ def remodulate(
     array([[[1.1, 1.1, 1.1]]], dtype=float32)
     """
 
-def smooth_edges(color: ArrayLike, *, exposure: float = 1.0, out: _Floats | None = None) -> _Floats:
+def smooth_edges(
+    color: ArrayLike, *, newest: ArrayLike | None = None, exposure: float = 1.0, out: _Floats | None = None
+) -> _Floats:
     """Smooth an image along its edges: antialiasing of denoised frames.
 
     Parameters
     ----------
     color : (H, W, 3) array_like of float
         Linear. Pixels with NaN or infinity are missing: they and all within four pixels keep their bits.
+    newest : (H, W, 3) array_like of float, optional
+        The frame that was merged into `color` last, if that is an average over frames: straight edges show 15 % more of
+        it. Its missing pixels have no share.
     exposure : float, default 1.0
         The radiance that counts as 1, above 0, as `exposure` returns it.
     out : (H, W, 3) float32 array, optional
@@ -5213,8 +5218,8 @@ def smooth_edges(color: ArrayLike, *, exposure: float = 1.0, out: _Floats | None
     structure tensor [1]_), and ``R = sqrt((a - d)² + 4b²)``. The edge goes from row to row by ``-2b / (a - d + R)``
     columns where ``a > d``, else from column to column by ``-2b / (d - a + R)`` rows. Taps v are one and two rows (or
     columns) before and after, interpolated by a Catmull-Rom spline within the range of its four pixels, and weigh
-    ``{1, 4, 6, 4, 1}`` times ``1 / (1 + l(v) / 2e)``. With m their weighted mean, the pixel c becomes
-    ``c + s (m - c)``, where::
+    ``{1, 4, 6, 4, 1}`` times ``1 / (1 + l(v) / 2e)``. With m their weighted mean, the pixel v becomes
+    ``v + s (m - v)``, where::
 
         s = max(0, 16 t - 1) / 15
         t = clip((a + d) / 3e-5 - 1, 0, 1) * (R / (a + d))**4 / (1 + (l_max / 12e)²)
@@ -5222,6 +5227,10 @@ def smooth_edges(color: ArrayLike, *, exposure: float = 1.0, out: _Floats | None
     and l_max is the largest luminance of 3×3 pixels. ``R / (a + d)``, the coherence [2]_, is 1 on a straight edge and
     less in corners, on crossings and in noise; near lamps far brighter than the frame, a small error is large for the
     dark beside them. Borders are replicated.
+
+    An average over frames lags and has been resampled in each; as the line takes noise away, the newest frame n can
+    count for more. Each pixel c on the line of a pixel with the share s is then taken as ``c + 0.15 s (n - c)``, and v
+    is interpolated, too. The ranges stay those of `color`.
 
     References
     ----------

@@ -1045,6 +1045,9 @@ pub fn morphological_aa_<'py>(
 /// ----------
 /// color : (H, W, 3) array_like of float
 ///     Linear. Pixels with NaN or infinity are missing: they and all within four pixels keep their bits.
+/// newest : (H, W, 3) array_like of float, optional
+///     The frame that was merged into `color` last, if that is an average over frames: straight edges show 15 % more of
+///     it. Its missing pixels have no share.
 /// exposure : float, default 1.0
 ///     The radiance that counts as 1, above 0, as `exposure` returns it.
 /// out : (H, W, 3) float32 array, optional
@@ -1073,8 +1076,8 @@ pub fn morphological_aa_<'py>(
 /// structure tensor [1]_), and ``R = sqrt((a - d)² + 4b²)``. The edge goes from row to row by ``-2b / (a - d + R)``
 /// columns where ``a > d``, else from column to column by ``-2b / (d - a + R)`` rows. Taps v are one and two rows (or
 /// columns) before and after, interpolated by a Catmull-Rom spline within the range of its four pixels, and weigh
-/// ``{1, 4, 6, 4, 1}`` times ``1 / (1 + l(v) / 2e)``. With m their weighted mean, the pixel c becomes
-/// ``c + s (m - c)``, where::
+/// ``{1, 4, 6, 4, 1}`` times ``1 / (1 + l(v) / 2e)``. With m their weighted mean, the pixel v becomes
+/// ``v + s (m - v)``, where::
 ///
 ///     s = max(0, 16 t - 1) / 15
 ///     t = clip((a + d) / 3e-5 - 1, 0, 1) * (R / (a + d))**4 / (1 + (l_max / 12e)²)
@@ -1082,6 +1085,10 @@ pub fn morphological_aa_<'py>(
 /// and l_max is the largest luminance of 3×3 pixels. ``R / (a + d)``, the coherence [2]_, is 1 on a straight edge and
 /// less in corners, on crossings and in noise; near lamps far brighter than the frame, a small error is large for the
 /// dark beside them. Borders are replicated.
+///
+/// An average over frames lags and has been resampled in each; as the line takes noise away, the newest frame n can
+/// count for more. Each pixel c on the line of a pixel with the share s is then taken as ``c + 0.15 s (n - c)``, and v
+/// is interpolated, too. The ranges stay those of `color`.
 ///
 /// References
 /// ----------
@@ -1097,10 +1104,11 @@ pub fn morphological_aa_<'py>(
 /// >>> yester.smooth_edges(color)[3:6, 4, 0].round(2)
 /// array([0.47, 0.48, 0.47], dtype=float32)
 #[pyfunction]
-#[pyo3(signature = (color, *, exposure=1.0, out=None), name = "smooth_edges")]
+#[pyo3(signature = (color, *, newest=None, exposure=1.0, out=None), name = "smooth_edges")]
 pub fn smooth_edges_<'py>(
     py: Python<'py>,
     color: &Bound<'py, PyAny>,
+    newest: Option<&Bound<'py, PyAny>>,
     exposure: f32,
     out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
@@ -1108,11 +1116,12 @@ pub fn smooth_edges_<'py>(
     let smooth = {
         let color = Input::<f32>::new(color, "color", COLOR)?;
         let size = color.size();
+        let newest = Input::<f32>::optional(newest, "newest", COLOR, size)?;
         let out = Out::given(out, color.shape())?;
-        let color = color.pixels();
+        let (color, newest) = (color.pixels(), newest.as_ref().map(Input::pixels));
         out.fill(py, |smooth| {
             color.to_planes().view().interleave(smooth);
-            smooth_edges(color, exposure, PixelsMut::bands(size, 3, smooth));
+            smooth_edges(color, newest, exposure, PixelsMut::bands(size, 3, smooth));
         })?
     };
     smooth.array()

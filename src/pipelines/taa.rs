@@ -176,7 +176,8 @@ impl Stage {
         let (out, others) = (PixelsMut::bands(color.size, 3, shown), input.others);
         let missing = self.step(params, color, lag.as_ref(), motion, choice, out, others);
         drop(still);
-        self.smooth_edges(bright, shown);
+        let newest = (input.origin != Origin::Samples).then_some(color);
+        self.smooth_edges(newest, bright, shown);
         let (correction, weight) = (input.correction, input.weight);
         self.correct(correction, samples, weight, motion, bright, shown);
         if let Origin::Denoiser { repeats } = input.origin
@@ -299,11 +300,11 @@ impl Stage {
     }
 
     /// Shows the history of [`Self::step`] smoothed along its edges.
-    fn smooth_edges(&self, exposure: f32, shown: &mut [f32]) {
+    fn smooth_edges(&self, newest: Option<Pixels>, exposure: f32, shown: &mut [f32]) {
         if let Some(history) = self.history.as_ref().filter(|_| self.params.smooth_edges) {
             let color = history.merged.pixels().part(0..3);
             let out = PixelsMut::bands(color.size, 3, shown);
-            smooth_edges(color, exposure, out);
+            smooth_edges(color, newest, exposure, out);
         }
     }
 

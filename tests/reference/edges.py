@@ -34,7 +34,7 @@ def _spline(t: Tensor) -> Tensor:
     )
 
 
-def smooth_edges(color: Tensor, *, exposure=1.0) -> Tensor:
+def smooth_edges(color: Tensor, *, newest: Tensor | None = None, exposure=1.0) -> Tensor:
     """Average pixels along the direction in which the image changes least.
 
     Sources: Bigün and Granlund 1987 (structure tensor); Kyprianidis and Kang 2011 (smoothing by its coherence).
@@ -42,6 +42,8 @@ def smooth_edges(color: Tensor, *, exposure=1.0) -> Tensor:
     Parameters
     ----------
     color : (H, W, 3)
+    newest : (H, W, 3)
+        Of which edges show 15 % more.
     exposure : radiance that counts as 1
 
     Returns
@@ -69,21 +71,27 @@ def smooth_edges(color: Tensor, *, exposure=1.0) -> Tensor:
 
     steep = a > d  # (H, W)
     y, x = torch.meshgrid(torch.arange(height), torch.arange(width), indexing="ij")  # (H, W) each
-    taps, weights = [color], [torch.full_like(light, 6)]  # (H, W, 3) and (H, W) each
-    for step, weight in ((-2, 1), (-1, 4), (1, 4), (2, 1)):
+
+    taps, weights = [], []  # (H, W, 3) and (H, W) each
+    for step, weight in ((0, 6), (-2, 1), (-1, 4), (1, 4), (2, 1)):
         offset = step * slope  # (H, W)
         near = offset.floor()  # (H, W)
-        four = []  # (H, W, 3) each
+        four, range_of = [], []  # (H, W, 3) each
         for i in (-1, 0, 1, 2):
             aside = near.long() + i  # (H, W)
-            row = torch.where(steep, y + step, y + aside).clamp(0, height - 1)  # (H, W)
-            column = torch.where(steep, x + aside, x + step).clamp(0, width - 1)  # (H, W)
-            four.append(color[row, column])
-        four = torch.stack(four)  # (4, H, W, 3)
+            row = torch.where(steep, y + step, y + aside)  # (H, W)
+            column = torch.where(steep, x + aside, x + step)  # (H, W)
+            row, column = row.clamp(0, height - 1), column.clamp(0, width - 1)  # (H, W) each
+            old = color[row, column]  # (H, W, 3)
+            mixed = old if newest is None else old + 0.15 * share[..., None] * (newest[row, column] - old)  # (H, W, 3)
+            four.append(mixed.where(mixed.isfinite().all(-1, keepdim=True), old))
+            range_of.append(old)
+        four, range_of = torch.stack(four), torch.stack(range_of)  # (4, H, W, 3) each
         tap = (_spline(offset - near)[..., None] * four).sum(0)  # (H, W, 3)
-        taps.append(tap.maximum(four.amin(0)).minimum(four.amax(0)))
+        taps.append(tap.maximum(range_of.amin(0)).minimum(range_of.amax(0)))
         weights.append(torch.full_like(light, weight))
     taps, weights = torch.stack(taps), torch.stack(weights)  # (5, H, W, 3), (5, H, W)
     weights = weights / (1 + luminance(taps).clamp(min=0) / (2 * exposure))  # (5, H, W)
     mean = (weights[..., None] * taps).sum(0) / weights.sum(0)[..., None]  # (H, W, 3)
-    return torch.where(share[..., None] > 0, color + share[..., None] * (mean - color), color)
+    own = taps[0]  # (H, W, 3)
+    return torch.where(share[..., None] > 0, own + share[..., None] * (mean - own), color)

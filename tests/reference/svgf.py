@@ -258,7 +258,7 @@ class SVGF:
 
         given = frame.depth, still, None, others, late
         (color, length), *_ = antialias(stage, before, smooth, motion, *given)  # (H, W, 3), (H, W)
-        shown = smooth_edges(color, exposure=bright) if stage["smooth_edges"] else color  # (H, W, 3)
+        shown = smooth_edges(color, newest=smooth, exposure=bright) if stage["smooth_edges"] else color  # (H, W, 3)
         shown = shown.where(shown.isfinite(), 0)  # (H, W, 3)
         if self.innovation and before is not None:
             known = {

@@ -86,9 +86,9 @@ use crate::pipelines::taa;
 ///     (`innovation`, with the `exposure` of the result and ``fed_back=False``): for changing light in noisy frames.
 ///     Without noise, part of the aliasing is mistaken for change. For denoised frames, see the `samples` of `step`.
 /// smooth_edges : bool, optional
-///     Show the result smoothed along its edges (`smooth_edges`, with the exposure of the denoised colour if there are
-///     `samples`); history stays as it is. Edges of denoised frames, whose pixels show either surface by chance, become
-///     straight. By default only preset "denoised" does this.
+///     Show the result smoothed along its edges (`smooth_edges`; if there are `samples`, with the denoised colour as
+///     `newest` and its exposure); history stays as it is. Edges of denoised frames, whose pixels show either surface
+///     by chance, become straight. By default only preset "denoised" does this.
 /// choice : bool, optional
 ///     With the `samples` of denoised frames: each tile of 8×8 pixels mixes the result with the denoised colour and the
 ///     samples, by the weights that would have made the error of the frame before least (`collocate`,

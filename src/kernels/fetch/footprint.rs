@@ -86,8 +86,9 @@ fn exact(f: f32, [w0, w1, w2, w3]: [f32; 4]) -> [f32; 4] {
     [or(0.0, w0), or(1.0, w1), or(0.0, w2), or(0.0, w3)]
 }
 
+/// Weights of a Catmull-Rom spline, for the pixels at −1, 0, 1 and 2.
 #[inline(always)]
-fn cubic(f: f32) -> [f32; 4] {
+pub fn cubic(f: f32) -> [f32; 4] {
     let (f2, f3) = (f * f, f * f * f);
     let w0 = f2 - 0.5 * (f3 + f);
     let w1 = 1.5 * f3 - 2.5 * f2 + 1.0;

@@ -13,18 +13,24 @@
 //! −2b / (d − a + R) in rows. Taps are one and two rows (columns) before and after, interpolated by a Catmull-Rom spline within
 //! the range of its four pixels. With v₀ the pixel, vₖ the taps and l(v) their luminance:
 //!   m = Σ ωₖ vₖ / Σ ωₖ,  ωₖ = {1, 4, 6, 4, 1} / (1 + l(vₖ) / 2e),
-//! so that one bright tap does not outshine a dark pixel. The result is c + s (m − c), the share
+//! so that one bright tap does not outshine a dark pixel. The result is v₀ + s (m − v₀), the share
 //!   s = max(0, 16 s′ − 1) / 15,  s′ = clamp((a + d)/G − 1, 0, 1) · (R / (a + d))⁴ / (1 + (l₊ / 12e)²),
 //! with G = 3·10⁻⁵, below which a gradient is no edge, and l₊ the largest luminance in 3×3 pixels: around lamps far brighter
 //! than the frame, the smallest error of a share is a large one in the dark beside them. R / (a + d) is 1 on a straight edge
 //! and less in corners, on crossings and in noise.
 //!
-//! Input: colour (3). Output: colour. Borders are replicated. Pixels with a missing one among the 9×9 around keep their bits,
-//! as do those with s = 0.
+//! Colour that is an average over frames lags, and has been resampled in each. As the line takes noise from an edge, the edge can
+//! show more of the newest frame: where that is given, n, each pixel h of the line is taken as h + μ s (n − h), μ = 0.15, with
+//! the share of the pixel in its centre. Taps stay within the range of four pixels h, and the centre within that of the pixels
+//! beside it, across the line: a lamp that shines into the newest frame is not news of an edge.
+//!
+//! Inputs: colour (3), newest frame (3, optional). Output: colour. Borders are replicated. Pixels with a missing one among the
+//! 9×9 around keep their bits, as do those with s = 0; missing pixels of the newest frame have no share.
 
 use std::ops::Range;
 
 use crate::image::{Pixels, Run, SEGMENT, Size, segments};
+use crate::kernels::fetch::footprint::cubic;
 use crate::math::{Color, is_present, larger, luminance, smaller};
 use crate::pixels::{Colors, PixelsMut, Rolling, Row};
 use crate::rows::{self, BAND, Kernel, Simd};
@@ -47,20 +53,30 @@ const HALF: f32 = 2.0;
 const BRIGHT: f32 = 12.0;
 /// Share below which pixels stay as they are.
 const LEAST: f32 = 1.0 / 16.0;
+/// The newest frame's share of a straight edge. With 0.2, frames of 768×576 pixels gain a quarter more, and `leaves` with depth
+/// alone loses 1 % more.
+const NEWEST: f32 = 0.15;
 
-/// Smooths colours along their edges. `smoothed` begins as the colours; what is missing may be anything in it.
+/// Smooths colours along their edges. `newest` is the frame that was merged into them last. `smoothed` begins as the colours;
+/// what is missing may be anything in it.
 pub fn smooth_edges<'a>(
     color: Pixels<'a>,
+    newest: Option<Pixels<'a>>,
     exposure: f32,
     smoothed: impl Iterator<Item = PixelsMut<'a>>,
 ) {
-    let kernel = SmoothEdges { color, exposure };
+    let kernel = SmoothEdges {
+        color,
+        newest,
+        exposure,
+    };
     let height = color.size.height;
     rows::run_jobs(&kernel, rows::tall_jobs(height, REACH, smoothed));
 }
 
 struct SmoothEdges<'a> {
     color: Pixels<'a>,
+    newest: Option<Pixels<'a>>,
     exposure: f32,
 }
 
@@ -84,10 +100,9 @@ impl<'a> Kernel for SmoothEdges<'a> {
                 }
                 smoothed.load_colors(run, &mut colors);
                 for (i, &share) in shares.iter().enumerate().filter(|&(_, &share)| share > 0.0) {
-                    let own = [colors[0][i], colors[1][i], colors[2][i]];
-                    let mean = self.along(run.x + i, y, own, lines.steep[i], lines.slope[i]);
+                    let smooth = self.smooth(run.x + i, y, share, lines.steep[i], lines.slope[i]);
                     for c in 0..3 {
-                        colors[c][i] = own[c] + share * (mean[c] - own[c]);
+                        colors[c][i] = smooth[c];
                     }
                 }
                 smoothed.write(run, &colors);
@@ -254,57 +269,52 @@ impl SmoothEdges<'_> {
         }
     }
 
-    /// The weighted mean along a line through a pixel. Loops instead of closures: a closure that is not inlined is compiled
-    /// without the caller's instruction set.
+    /// Moves a pixel by a share to the weighted mean along a line through it. Loops instead of closures: a closure that is not
+    /// inlined is compiled without the caller's instruction set.
     #[inline(always)]
-    fn along(&self, x: usize, y: usize, own: Color, steep: bool, slope: f32) -> Color {
-        let weight = self.weight(own, TAPS[0]);
-        let (mut sum, mut weights) = ([0.0; 3], weight);
-        for c in 0..3 {
-            sum[c] = weight * own[c];
-        }
-        for (step, share) in [(-2, TAPS[2]), (-1, TAPS[1]), (1, TAPS[1]), (2, TAPS[2])] {
-            let tap = self.tap([x, y], steep, step, step as f32 * slope);
-            let weight = self.weight(tap, share);
+    fn smooth(&self, x: usize, y: usize, share: f32, steep: bool, slope: f32) -> Color {
+        let line = Line {
+            x: x as isize,
+            y: y as isize,
+            steep,
+            newest: NEWEST * share,
+        };
+        let mut own = self.tap(&line, 0, 0.0);
+        let mut weights = self.weight(own, TAPS[0]);
+        let mut sum = own.map(|value| weights * value);
+        for (step, part) in [(-2, TAPS[2]), (-1, TAPS[1]), (1, TAPS[1]), (2, TAPS[2])] {
+            let tap = self.tap(&line, step, step as f32 * slope);
+            let weight = self.weight(tap, part);
             for c in 0..3 {
                 sum[c] += weight * tap[c];
             }
             weights += weight;
         }
-        for value in &mut sum {
-            *value /= weights;
+        for c in 0..3 {
+            own[c] += share * (sum[c] / weights - own[c]);
         }
-        sum
+        own
     }
 
     /// A weight, reduced by the brightness of a tap.
     #[inline(always)]
-    fn weight(&self, [r, g, b]: Color, share: f32) -> f32 {
-        share / (1.0 + larger(luminance(r, g, b), 0.0) / (HALF * self.exposure))
+    fn weight(&self, [r, g, b]: Color, part: f32) -> f32 {
+        part / (1.0 + larger(luminance(r, g, b), 0.0) / (HALF * self.exposure))
     }
 
-    /// Interpolates between four pixels of a row, or of a column.
+    /// Interpolates between the four pixels of a row, or of a column, that a line passes.
     #[inline(always)]
-    fn tap(&self, [x, y]: [usize; 2], steep: bool, step: isize, offset: f32) -> Color {
-        let Size { height, width } = self.color.size;
+    fn tap(&self, line: &Line, step: isize, offset: f32) -> Color {
         let floor = offset.floor();
-        let (t, near) = (offset - floor, floor as isize);
-        let weights = [
-            t * (t * (1.0 - 0.5 * t) - 0.5),
-            1.0 + t * t * (1.5 * t - 2.5),
-            t * (t * (2.0 - 1.5 * t) + 0.5),
-            t * t * (0.5 * t - 0.5),
-        ];
+        let weights = cubic(offset - floor);
         let mut sum = [0.0; 3];
         let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
         for (j, weight) in weights.into_iter().enumerate() {
-            let aside = near + j as isize - 1;
-            let (dx, dy) = if steep { (aside, step) } else { (step, aside) };
-            let x = (x as isize + dx).clamp(0, width as isize - 1) as usize;
-            let y = (y as isize + dy).clamp(0, height as isize - 1) as usize;
-            let pixel = self.color.vector(y * width + x);
+            let at = self.pixel(line, step, floor as isize + j as isize - 1);
+            let pixel = self.color.vector(at);
+            let shown = self.with_newest(at, pixel, line.newest);
             for c in 0..3 {
-                sum[c] += weight * pixel[c];
+                sum[c] += weight * shown[c];
                 low[c] = smaller(pixel[c], low[c]);
                 high[c] = larger(pixel[c], high[c]);
             }
@@ -314,4 +324,41 @@ impl SmoothEdges<'_> {
         }
         sum
     }
+
+    /// Where the pixel is that lies so many steps along the main axis of a line and so many aside.
+    #[inline(always)]
+    fn pixel(&self, line: &Line, step: isize, aside: isize) -> usize {
+        let Size { height, width } = self.color.size;
+        let (dx, dy) = if line.steep {
+            (aside, step)
+        } else {
+            (step, aside)
+        };
+        let x = (line.x + dx).clamp(0, width as isize - 1) as usize;
+        let y = (line.y + dy).clamp(0, height as isize - 1) as usize;
+        y * width + x
+    }
+
+    /// A pixel's colour with a share of the newest frame's.
+    #[inline(always)]
+    fn with_newest(&self, at: usize, color: Color, share: f32) -> Color {
+        let Some(newest) = &self.newest else {
+            return color;
+        };
+        let (newest, mut mixed) = (newest.vector(at), color);
+        for c in 0..3 {
+            mixed[c] += share * (newest[c] - color[c]);
+        }
+        if is_present(mixed) { mixed } else { color }
+    }
+}
+
+/// A line through a pixel.
+struct Line {
+    x: isize,
+    y: isize,
+    /// Whether it goes from row to row.
+    steep: bool,
+    /// The newest frame's share in its pixels.
+    newest: f32,
 }
