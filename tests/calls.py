@@ -156,7 +156,10 @@ def calls(height: int = 6, width: int = 9, seed: int = 0) -> dict[str, tuple[Cal
         "thin_features": (yester.thin_features, {"color": color}),
         "sharpen": (yester.sharpen, {"color": color}),
         "smooth_edges": (yester.smooth_edges, {"color": history}),
-        "smooth_edges(newest)": (yester.smooth_edges, {"color": history, "newest": color}),
+        "smooth_edges(newest)": (
+            yester.smooth_edges,
+            {"color": history, "newest": color, "confidence": length[::-1].copy() / 9},
+        ),
         "estimate_variance": (
             yester.estimate_variance,
             {"moments": moments, "history_length": length, **now},

@@ -159,6 +159,7 @@ class Mixing:
         samples: NDArray,
         denoised: NDArray,
         motion: NDArray,
+        result: NDArray,
         shown: NDArray,
         *,
         exposure: float,
@@ -174,9 +175,9 @@ class Mixing:
             return shown
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
             # No sample counts for more than eight times the result; as much as three times the result is shown of it.
-            once = np.maximum(luminance(shown), np.float32(0)) + np.float32(exposure) / np.float32(16)
+            once = np.maximum(luminance(result), np.float32(0)) + np.float32(exposure) / np.float32(16)
             held, samples = (at_most(samples, np.float32(times) * once) for times in (8, 3))
-            shares, three = None, [held, denoised, shown]
+            shares, three = None, [held, denoised, result]
             light = [luminance(image) for image in three]
             if self.luminances is not None:
                 fetched, coverage = fetch_known(self.luminances, motion)
@@ -386,13 +387,14 @@ class TAA:
         merged = antialias(for_frame(self.settings, frame), self.history, color, motion, frame.depth, still, tests)
         self.history, confidence, rejection = merged
         shown, length = self.history[:2]
-        if self.settings["smooth_edges"]:
-            shown = yester.smooth_edges(shown, exposure=yester.exposure(color))
         shown = blacken(shown)
         if self.innovation and self.before is not None:
             known = {"evidence": self.evidence, "motion": motion, "exposure": yester.exposure(color)}
             found, self.evidence = yester.innovation(frame.color, shown, length, **known, fed_back=False)
             shown = correct(shown, found)
+        if self.settings["smooth_edges"]:
+            result = shown if self.innovation else self.history[0]
+            shown = blacken(yester.smooth_edges(result, exposure=yester.exposure(color)))
         self.before = frame
         return SimpleNamespace(
             color=shown,
@@ -881,7 +883,7 @@ class SVGF:
             known = dict(zip(names, recalled, strict=True))
             return SimpleNamespace(**known, confidence=confidence, rejection=rejection, motion=seen[..., :2])
         if self.antialias:
-            final = self.finish(self.stage, final, frame, seen, still, confidence <= 0)
+            final = self.finish(self.stage, final, frame, seen, still, confidence)
         if later is not None:
             confidence, rejection = np.maximum(confidence, later.confidence), rejection & later.rejection
         if averages:
@@ -897,9 +899,9 @@ class SVGF:
             missing=int((~np.isfinite(sample).all(-1)).sum()),
         )
 
-    def finish(self, stage: dict, color: NDArray, frame: yester.Frame, motion: NDArray, still, others) -> NDArray:
+    def finish(self, stage: dict, color: NDArray, frame: yester.Frame, motion: NDArray, still, confidence) -> NDArray:
         """The output stage, whose history the samples correct, too."""
-        before = self.antialiased
+        before, others = self.antialiased, confidence <= 0
         if self.innovation and before is not None:
             fetched, coverage = yester.reproject(before[0], motion, fallback=False)
             change = np.float32(yester.light_change(frame.color, fetched, coverage))
@@ -913,8 +915,6 @@ class SVGF:
         self.antialiased, _, _ = antialias(for_frame(stage, frame), before, color, motion, frame.depth, **about)
         shown, length = self.antialiased[:2]
         exposure = yester.exposure(color)
-        if stage["smooth_edges"]:
-            shown = yester.smooth_edges(shown, newest=color, exposure=exposure)
         shown = blacken(shown)
         if self.innovation and before is not None:
             known = {"evidence": self.rest, "motion": motion, "exposure": exposure}
@@ -922,11 +922,14 @@ class SVGF:
             found, self.rest = yester.innovation(weighed(frame.color, shown, self.trust), shown, length, **known)
             self.antialiased[0] = correct(self.antialiased[0], found)
             shown = correct(shown, found)
+        if stage["smooth_edges"]:
+            beside = {"newest": color, "confidence": confidence, "exposure": exposure}
+            shown = blacken(yester.smooth_edges(self.antialiased[0], **beside))
         if not stage["choice"]:
             return shown
         self.mixing = self.mixing or Mixing()
         about = {"exposure": exposure, "repeats": self.repeats, "aliased": frame.jitter is not None}
-        return self.mixing.mix(frame.color, color, motion, shown, **about)
+        return self.mixing.mix(frame.color, color, motion, blacken(self.antialiased[0]), shown, **about)
 
     def follow(self, frame, before, color, motion, others, old, coverage) -> NDArray:
         """History that lags, corrected by what samples show to be wrong with it along their own motion."""
@@ -1231,7 +1234,7 @@ class BMFR:
         if frame.albedo is not None:
             light = yester.remodulate(light, **texture_of(frame), emission=frame.emission)
         if self.antialias:
-            light = SVGF.finish(self, PRESETS["denoised"], light, frame, motion, still, confidence <= 0)
+            light = SVGF.finish(self, PRESETS["denoised"], light, frame, motion, still, confidence)
         return SimpleNamespace(
             color=blacken(light),
             history_length=length,

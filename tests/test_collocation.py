@@ -431,7 +431,11 @@ def test_tiles_without_samples_show_denoised_colour():
     y, x = np.mgrid[:96, :192]
     left, edge = (x < 152)[..., None], x[0] >= 176
     motion = np.broadcast_to(np.float32([0.5, 0]), (96, 192, 2))
-    mixing, plain, other = yester.TAA("denoised"), yester.TAA("denoised", choice=False), composed.Mixing()
+    mixing, *plain = [
+        yester.TAA("denoised", choice=choice, smooth_edges=smooth_edges)
+        for choice, smooth_edges in ((True, True), (False, True), (False, False))
+    ]
+    other = composed.Mixing()
     errors = []
     for number in range(14):
         truth = 2 + np.sin(1.9 * (x + 0.5 * number))[..., None] * np.cos(1.7 * y)[..., None] * np.ones(3)
@@ -440,10 +444,10 @@ def test_tiles_without_samples_show_denoised_colour():
         samples = (truth + np.where(left, 0.02, 1.0) * noise).astype(np.float32)
         smooth = np.where(left, 4 - truth, truth).astype(np.float32)
         frame = yester.Frame(smooth, motion=motion)
-        shown = [stage.step(frame, samples=samples).color for stage in (mixing, plain)]
+        shown, smoothed, result = (stage.step(frame, samples=samples).color for stage in (mixing, *plain))
         given = {"exposure": yester.exposure(smooth), "repeats": False, "aliased": False}
-        assert_same_bits(shown[0], other.mix(samples, smooth, motion, shown[1], **given))
-        errors.append([relmse(image[:, edge], truth[:, edge]) for image in shown])
+        assert_same_bits(shown, other.mix(samples, smooth, motion, result, smoothed, **given))
+        errors.append([relmse(image[:, edge], truth[:, edge]) for image in (shown, smoothed)])
     mixed, alone = np.mean(errors[7:], 0)
     assert mixed < 0.2 * alone
 

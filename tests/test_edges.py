@@ -31,10 +31,12 @@ def test_reference(size, exposure, holes):
     color[..., : size[1] // 2, :] *= np.float32(0.01)  # an edge
     color[rng.random(size) < 0.02] *= -1
     scale = np.max(np.abs(color), where=np.isfinite(color), initial=0)
-    for newest in (None, compare.colors(rng, *size, holes=0.1)):
-        got = yester.smooth_edges(color, newest=newest, exposure=exposure)
-        given = None if newest is None else tensor(newest)
-        want = reference.smooth_edges(tensor(color), newest=given, exposure=exposure).numpy()
+    known = rng.random(size, np.float32)
+    known[rng.random(size) < 0.1] = np.nan
+    for beside in ({}, {"newest": compare.colors(rng, *size, holes=0.1)}, {"confidence": known}):
+        got = yester.smooth_edges(color, **beside, exposure=exposure)
+        given = {name: tensor(image) for name, image in beside.items()}
+        want = reference.smooth_edges(tensor(color), **given, exposure=exposure).numpy()
         compare.assert_close("smooth_edges", got, want, scale=scale)
 
 
@@ -60,6 +62,16 @@ def test_straight_edges_show_more_of_the_newest_frame():
     assert_same_bits(yester.smooth_edges(late, newest=np.full_like(late, np.nan)), plain)
     # A lamp that shines into the newest frame is not news of an edge.
     assert yester.smooth_edges(late, newest=np.full_like(late, 1e30)).max() <= late.max()
+
+
+def test_where_little_is_known_edges_need_not_be_straight():
+    rng = np.random.default_rng(2)
+    image = np.repeat(rng.uniform(0.2, 0.8, (30, 30, 1)), 3, -1).astype(np.float32)  # no direction
+    known = np.broadcast_to(np.linspace(0, 1, 4, dtype=np.float32)[:, None, None], (4, *image.shape[:2]))
+    spread = [yester.smooth_edges(image, confidence=each).std() for each in known]
+    assert spread == sorted(spread)
+    assert spread[0] < 0.8 * spread[-1]
+    assert_same_bits(yester.smooth_edges(image, confidence=known[-1]), yester.smooth_edges(image))
 
 
 def test_what_is_no_edge_keeps_its_bits():
@@ -126,3 +138,7 @@ def test_bad_input():
             yester.smooth_edges(color, exposure=value)
     with pytest.raises(ValueError, match="color: expected shape"):
         yester.smooth_edges(color[..., :2])
+    with pytest.raises(ValueError, match="newest: expected"):
+        yester.smooth_edges(color, newest=color[:3])
+    with pytest.raises(ValueError, match="confidence: expected"):
+        yester.smooth_edges(color, confidence=color)

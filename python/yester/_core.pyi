@@ -1156,8 +1156,8 @@ class TAA(Pipeline):
         Without noise, part of the aliasing is mistaken for change. For denoised frames, see the `samples` of `step`.
     smooth_edges : bool, optional
         Show the result smoothed along its edges (`smooth_edges`; if there are `samples`, with the denoised colour as
-        `newest` and its exposure); history stays as it is. Edges of denoised frames, whose pixels show either surface
-        by chance, become straight. By default only preset "denoised" does this.
+        `newest`, its exposure and `confidence`); history stays as it is. Edges of denoised frames, whose pixels show
+        either surface by chance, become straight. By default only preset "denoised" does this.
     choice : bool, optional
         With the `samples` of denoised frames: each tile of 8×8 pixels mixes the result with the denoised colour and the
         samples, by the weights that would have made the error of the frame before least (`collocate`,
@@ -1300,7 +1300,8 @@ class TAA(Pipeline):
             With `samples`: the denoiser's. Where it is 0, that found no history of the surface; history that has to be
             clipped there, and is not fetched along the motion of a neighbour, is another surface's. It is shortened, as
             by `anti_lag` with a strength of ``8 (k + e) / (max(k, c) + e)``, with k and c the luminances of the clipped
-            history and of the denoised colour, and e a sixteenth of the exposure.
+            history and of the denoised colour, and e a sixteenth of the exposure. Where it is below 1, `smooth_edges`
+            smooths more.
 
         Returns
         -------
@@ -5179,7 +5180,12 @@ def remodulate(
     """
 
 def smooth_edges(
-    color: ArrayLike, *, newest: ArrayLike | None = None, exposure: float = 1.0, out: _Floats | None = None
+    color: ArrayLike,
+    *,
+    newest: ArrayLike | None = None,
+    confidence: ArrayLike | None = None,
+    exposure: float = 1.0,
+    out: _Floats | None = None,
 ) -> _Floats:
     """Smooth an image along its edges: antialiasing of denoised frames.
 
@@ -5190,6 +5196,9 @@ def smooth_edges(
     newest : (H, W, 3) array_like of float, optional
         The frame that was merged into `color` last, if that is an average over frames: straight edges show 15 % more of
         it. Its missing pixels have no share.
+    confidence : (H, W) array_like of float, optional
+        What is known of the history of a pixel's surface, from 0 (nothing) to 1 (all, as without this image), as
+        denoisers return it. Less known is smoothed more, even if its edge is not straight. NaN counts as 0.
     exposure : float, default 1.0
         The radiance that counts as 1, above 0, as `exposure` returns it.
     out : (H, W, 3) float32 array, optional
@@ -5222,15 +5231,16 @@ def smooth_edges(
     ``v + s (m - v)``, where::
 
         s = max(0, 16 t - 1) / 15
-        t = clip((a + d) / 3e-5 - 1, 0, 1) * (R / (a + d))**4 / (1 + (l_max / 12e)²)
+        t = clip((a + d) / 3e-5 - 1, 0, 1) * (u + (1 - u) (R / (a + d))**4) / (1 + (l_max / 12e)²)
+        u = 0.75 (1 - confidence)
 
     and l_max is the largest luminance of 3×3 pixels. ``R / (a + d)``, the coherence [2]_, is 1 on a straight edge and
     less in corners, on crossings and in noise; near lamps far brighter than the frame, a small error is large for the
     dark beside them. Borders are replicated.
 
     An average over frames lags and has been resampled in each; as the line takes noise away, the newest frame n can
-    count for more. Each pixel c on the line of a pixel with the share s is then taken as ``c + 0.15 s (n - c)``, and v
-    is interpolated, too. The ranges stay those of `color`.
+    count for more. Each pixel c on the line of a pixel with the share s is then taken as
+    ``c + 0.15 s (R / (a + d))**4 (n - c)``, and v is interpolated, too. The ranges stay those of `color`.
 
     References
     ----------

@@ -1048,6 +1048,9 @@ pub fn morphological_aa_<'py>(
 /// newest : (H, W, 3) array_like of float, optional
 ///     The frame that was merged into `color` last, if that is an average over frames: straight edges show 15 % more of
 ///     it. Its missing pixels have no share.
+/// confidence : (H, W) array_like of float, optional
+///     What is known of the history of a pixel's surface, from 0 (nothing) to 1 (all, as without this image), as
+///     denoisers return it. Less known is smoothed more, even if its edge is not straight. NaN counts as 0.
 /// exposure : float, default 1.0
 ///     The radiance that counts as 1, above 0, as `exposure` returns it.
 /// out : (H, W, 3) float32 array, optional
@@ -1080,15 +1083,16 @@ pub fn morphological_aa_<'py>(
 /// ``v + s (m - v)``, where::
 ///
 ///     s = max(0, 16 t - 1) / 15
-///     t = clip((a + d) / 3e-5 - 1, 0, 1) * (R / (a + d))**4 / (1 + (l_max / 12e)²)
+///     t = clip((a + d) / 3e-5 - 1, 0, 1) * (u + (1 - u) (R / (a + d))**4) / (1 + (l_max / 12e)²)
+///     u = 0.75 (1 - confidence)
 ///
 /// and l_max is the largest luminance of 3×3 pixels. ``R / (a + d)``, the coherence [2]_, is 1 on a straight edge and
 /// less in corners, on crossings and in noise; near lamps far brighter than the frame, a small error is large for the
 /// dark beside them. Borders are replicated.
 ///
 /// An average over frames lags and has been resampled in each; as the line takes noise away, the newest frame n can
-/// count for more. Each pixel c on the line of a pixel with the share s is then taken as ``c + 0.15 s (n - c)``, and v
-/// is interpolated, too. The ranges stay those of `color`.
+/// count for more. Each pixel c on the line of a pixel with the share s is then taken as
+/// ``c + 0.15 s (R / (a + d))**4 (n - c)``, and v is interpolated, too. The ranges stay those of `color`.
 ///
 /// References
 /// ----------
@@ -1104,11 +1108,12 @@ pub fn morphological_aa_<'py>(
 /// >>> yester.smooth_edges(color)[3:6, 4, 0].round(2)
 /// array([0.47, 0.48, 0.47], dtype=float32)
 #[pyfunction]
-#[pyo3(signature = (color, *, newest=None, exposure=1.0, out=None), name = "smooth_edges")]
+#[pyo3(signature = (color, *, newest=None, confidence=None, exposure=1.0, out=None), name = "smooth_edges")]
 pub fn smooth_edges_<'py>(
     py: Python<'py>,
     color: &Bound<'py, PyAny>,
     newest: Option<&Bound<'py, PyAny>>,
+    confidence: Option<&Bound<'py, PyAny>>,
     exposure: f32,
     out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
@@ -1117,11 +1122,14 @@ pub fn smooth_edges_<'py>(
         let color = Input::<f32>::new(color, "color", COLOR)?;
         let size = color.size();
         let newest = Input::<f32>::optional(newest, "newest", COLOR, size)?;
+        let confidence = Input::<f32>::optional(confidence, "confidence", Channels::One, size)?;
         let out = Out::given(out, color.shape())?;
         let (color, newest) = (color.pixels(), newest.as_ref().map(Input::pixels));
+        let confidence = (confidence.as_ref()).map(|image| image.pixels().plane());
         out.fill(py, |smooth| {
             color.to_planes().view().interleave(smooth);
-            smooth_edges(color, newest, exposure, PixelsMut::bands(size, 3, smooth));
+            let smooth = PixelsMut::bands(size, 3, smooth);
+            smooth_edges(color, newest, confidence, exposure, smooth);
         })?
     };
     smooth.array()

@@ -689,13 +689,15 @@ proptest! {
         written!(size, 3, |sharp| sharpen::sharpen(wild.pixels(), params, sharp));
 
         let mut smoothed = color.clone();
-        edges::smooth_edges(color.pixels(), None, draw.of(&EXPOSURES), smoothed.pixels_mut());
+        edges::smooth_edges(color.pixels(), None, None, draw.of(&EXPOSURES), smoothed.pixels_mut());
         in_range_of(smoothed.pixels().elements().0, &[&color], true)?;
         let (mut smoothed, newest) = (color.clone(), draw.holes());
-        edges::smooth_edges(color.pixels(), Some(newest.pixels()), draw.of(&EXPOSURES), smoothed.pixels_mut());
+        let (newest, known) = (Some(newest.pixels()), Some(draw.wild(1)));
+        let known = known.as_ref().map(|image| image.view());
+        edges::smooth_edges(color.pixels(), newest, known, draw.of(&EXPOSURES), smoothed.pixels_mut());
         in_range_of(smoothed.pixels().elements().0, &[&color], true)?;
         let newest = draw.of(&[None, Some(wild.pixels())]);
-        edges::smooth_edges(wild.pixels(), newest, draw.of(&ABOVE_0), wild.clone().pixels_mut());
+        edges::smooth_edges(wild.pixels(), newest, known, draw.of(&ABOVE_0), wild.clone().pixels_mut());
 
         let params = morphological::Params { threshold: 0.1, max_length: draw.of(&[1, 32]) };
         let smoothed = morphological::morphological_aa(color.view(), params);

@@ -2,7 +2,7 @@
 //!
 //!   (motion from cameras) → (suppress fireflies) → (resolve the jittered sample) → (change of light) → (expose)
 //!     → (lag) → (temporal gradient) → (alternation) → dilate → reproject → (catch up) → clip → (anti-lag) → blend
-//!     → (smooth edges) → (innovation) → (mix)
+//!     → (innovation) → (smooth edges) → (mix)
 //!
 //! From dilation to blend the kernels run in one fused pass ([`sweep`]). The temporal gradient looks at larger windows and
 //! alternation has a history of its own, so both run before it and reproject for themselves.
@@ -122,7 +122,7 @@ pub(crate) struct Others<'a> {
     pub tests: Tests<'a>,
     pub report: Option<Vec<Report<'a>>>,
     /// Confidence of the denoiser, if it is known: 0 where it found no history of the surface. History that has to be clipped
-    /// there is shortened.
+    /// there is shortened. Edges are smoothed the more, the less of it there is.
     pub confidence: Option<View<'a>>,
 }
 
@@ -174,12 +174,14 @@ impl Stage {
         let params = params.exposed(bright);
         let lag = self.lag(frame, motion, &input, bright);
         let (out, others) = (PixelsMut::bands(color.size, 3, shown), input.others);
+        let confidence = others.confidence;
         let missing = self.step(params, color, lag.as_ref(), motion, choice, out, others);
         drop(still);
-        let newest = (input.origin != Origin::Samples).then_some(color);
-        self.smooth_edges(newest, bright, shown);
         let (correction, weight) = (input.correction, input.weight);
         self.correct(correction, samples, weight, motion, bright, shown);
+        let newest = (input.origin != Origin::Samples).then_some(color);
+        let is_history = correction.is_none_or(|correction| correction.fed_back);
+        self.smooth_edges(is_history, newest, confidence, bright, shown);
         if let Origin::Denoiser { repeats } = input.origin
             && let Some(history) = self.history.as_mut().filter(|_| self.params.choice)
         {
@@ -188,7 +190,9 @@ impl Stage {
                 jittered: frame.jitter.is_some(),
             };
             let seen = history.seen.take();
-            history.seen = Some(mix(seen, samples, color, motion, bright, noise, shown));
+            let result = history.merged.pixels().part(0..3);
+            let seen = mix(seen, samples, color, result, motion, bright, noise, shown);
+            history.seen = Some(seen);
         }
         missing
     }
@@ -299,13 +303,26 @@ impl Stage {
         missing
     }
 
-    /// Shows the history of [`Self::step`] smoothed along its edges.
-    fn smooth_edges(&self, newest: Option<Pixels>, exposure: f32, shown: &mut [f32]) {
-        if let Some(history) = self.history.as_ref().filter(|_| self.params.smooth_edges) {
-            let color = history.merged.pixels().part(0..3);
-            let out = PixelsMut::bands(color.size, 3, shown);
-            smooth_edges(color, newest, exposure, out);
-        }
+    /// Smooths what is shown along its edges; not the history, with which it may still be equal.
+    fn smooth_edges(
+        &self,
+        is_history: bool,
+        newest: Option<Pixels>,
+        confidence: Option<View>,
+        exposure: f32,
+        shown: &mut [f32],
+    ) {
+        let Some(history) = self.history.as_ref().filter(|_| self.params.smooth_edges) else {
+            return;
+        };
+        let size = history.merged.size;
+        let copy = (!is_history).then(|| Pixels::of_interleaved(size, 3, shown).to_planes());
+        let color = match &copy {
+            Some(copy) => copy.pixels(),
+            None => history.merged.pixels().part(0..3),
+        };
+        let out = PixelsMut::bands(size, 3, shown);
+        smooth_edges(color, newest, confidence, exposure, out);
     }
 
     /// Corrects what [`Self::step`] has shown by the innovation of the frame's samples, and with it the history if that is fed
@@ -404,7 +421,7 @@ impl Taa {
 pub struct Source<'a> {
     /// The samples, 3 channels.
     pub samples: Pixels<'a>,
-    /// 0 where the denoiser found no history of the surface.
+    /// How much the denoiser found of the surface's history: 0 where it found none.
     pub confidence: Option<View<'a>>,
 }
 

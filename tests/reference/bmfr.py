@@ -119,6 +119,6 @@ class BMFR(SVGF):
         if frame.albedo is not None:
             shown = remodulate(shown, **texture_of(frame), emission=emission)  # (H, W, 3)
         if self.antialias:
-            shown = self.finish(PRESETS["denoised"], shown, frame, motion, still, confidence <= 0, bright)
+            shown = self.finish(PRESETS["denoised"], shown, frame, motion, still, confidence, bright)
         shown = shown.where(shown.isfinite(), 0)  # (H, W, 3)
         return Output(shown, None, length, confidence, rejection, missing)

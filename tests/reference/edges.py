@@ -34,7 +34,9 @@ def _spline(t: Tensor) -> Tensor:
     )
 
 
-def smooth_edges(color: Tensor, *, newest: Tensor | None = None, exposure=1.0) -> Tensor:
+def smooth_edges(
+    color: Tensor, *, newest: Tensor | None = None, confidence: Tensor | None = None, exposure=1.0
+) -> Tensor:
     """Average pixels along the direction in which the image changes least.
 
     Sources: Bigün and Granlund 1987 (structure tensor); Kyprianidis and Kang 2011 (smoothing by its coherence).
@@ -44,6 +46,7 @@ def smooth_edges(color: Tensor, *, newest: Tensor | None = None, exposure=1.0) -
     color : (H, W, 3)
     newest : (H, W, 3)
         Of which edges show 15 % more.
+    confidence : (H, W), in [0, 1]
     exposure : radiance that counts as 1
 
     Returns
@@ -65,7 +68,9 @@ def smooth_edges(color: Tensor, *, newest: Tensor | None = None, exposure=1.0) -
     tones = torch.stack([_beside(tone, x, y) for x in (-1, 0, 1) for y in (-1, 0, 1)]).amax(0)  # (H, W)
     bright = tones / (1 - tones) / 12  # (H, W), the largest luminance in times of 12 exposures
     edge = ((a + d) / 3e-5 - 1).clamp(0, 1)  # (H, W)
-    share = edge * (root / (a + d)) ** 4 / (1 + bright**2)  # (H, W)
+    straight = ((root / (a + d)) ** 4).nan_to_num(0)  # (H, W)
+    unknown = torch.zeros_like(a) if confidence is None else 0.75 * (1 - confidence.nan_to_num(0).clamp(0, 1))  # (H, W)
+    share = edge * (unknown + (1 - unknown) * straight) / (1 + bright**2)  # (H, W)
     share = ((16 * share.nan_to_num(0) - 1) / 15).clamp(min=0)  # (H, W)
     slope = (-2 * b / ((a - d).abs() + root)).nan_to_num(0)  # (H, W)
 
@@ -83,7 +88,9 @@ def smooth_edges(color: Tensor, *, newest: Tensor | None = None, exposure=1.0) -
             column = torch.where(steep, x + aside, x + step)  # (H, W)
             row, column = row.clamp(0, height - 1), column.clamp(0, width - 1)  # (H, W) each
             old = color[row, column]  # (H, W, 3)
-            mixed = old if newest is None else old + 0.15 * share[..., None] * (newest[row, column] - old)  # (H, W, 3)
+            mixed = (
+                old if newest is None else old + (0.15 * straight * share)[..., None] * (newest[row, column] - old)
+            )  # (H, W, 3)
             four.append(mixed.where(mixed.isfinite().all(-1, keepdim=True), old))
             range_of.append(old)
         four, range_of = torch.stack(four), torch.stack(range_of)  # (4, H, W, 3) each

@@ -218,7 +218,7 @@ class SVGF:
         if frame.albedo is not None:
             smooth = remodulate(smooth, **texture_of(frame), emission=emission)  # (H, W, 3)
         if self.antialias:
-            smooth = self.finish(self.stage, smooth, frame, motion, still, confidence <= 0)  # (H, W, 3)
+            smooth = self.finish(self.stage, smooth, frame, motion, still, confidence)  # (H, W, 3)
         if later is not None:
             confidence = confidence.maximum(later.confidence)  # (H, W)
             rejection = rejection & later.rejection.to(rejection)  # (H, W)
@@ -232,14 +232,14 @@ class SVGF:
         frame,
         motion: Tensor,
         still: Tensor | None,
-        others: Tensor,
+        confidence: Tensor,
         weight: Tensor | None = None,
     ) -> Tensor:
         """The output stage (H, W, 3), which the samples correct together with its history, from the second frame on.
 
-        `others` (H, W) marks pixels that had no history; `weight` (H, W) is as for `weighed`.
+        `confidence` (H, W) is 0 where pixels had no history; `weight` (H, W) is as for `weighed`.
         """
-        before = self.antialiased
+        before, others = self.antialiased, confidence <= 0  # [(H, W, 3), (H, W)], (H, W)
         if self.innovation and before is not None:
             change = light_change(frame.color, *reproject(before[0], motion, fallback=False))
             before = [before[0] * change, before[1]]  # (H, W, 3), (H, W)
@@ -258,8 +258,7 @@ class SVGF:
 
         given = frame.depth, still, None, others, late
         (color, length), *_ = antialias(stage, before, smooth, motion, *given)  # (H, W, 3), (H, W)
-        shown = smooth_edges(color, newest=smooth, exposure=bright) if stage["smooth_edges"] else color  # (H, W, 3)
-        shown = shown.where(shown.isfinite(), 0)  # (H, W, 3)
+        shown = color.where(color.isfinite(), 0)  # (H, W, 3)
         if self.innovation and before is not None:
             known = {
                 "evidence": self.rest,
@@ -271,12 +270,15 @@ class SVGF:
             fresh = weighed(frame.color, shown, weight)  # (H, W, 3)
             found, self.rest = innovation(fresh, shown, length, **known)  # (H, W, 3), (h, w, 4)
             (color, _), (shown, _) = correct(color, found), correct(shown, found)  # (H, W, 3) twice
-        self.antialiased = [color, length]
+        self.antialiased, result = [color, length], color.where(color.isfinite(), 0)  # [(H, W, 3), (H, W)], (H, W, 3)
+        if stage["smooth_edges"]:
+            shown = smooth_edges(color, newest=smooth, confidence=confidence, exposure=bright)  # (H, W, 3)
+            shown = shown.where(shown.isfinite(), 0)  # (H, W, 3)
         if not stage["choice"]:
             return shown
         aliased = getattr(frame, "jitter", None) is not None
         kind = {"exposure": float(bright), "repeats": self.repeats, "aliased": aliased}
-        return self.mixing.mix(frame.color, smooth, motion, shown, **kind)
+        return self.mixing.mix(frame.color, smooth, motion, result, shown, **kind)
 
     def fill(self, light: Tensor, length: Tensor, similarity: dict) -> tuple[Tensor, Tensor | None]:
         """The colour that is accumulated (H, W, 3), and its weight as a sample (H, W): here unchanged."""

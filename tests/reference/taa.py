@@ -315,13 +315,17 @@ class Mixing:
         samples: Tensor,
         denoised: Tensor,
         motion: Tensor,
+        result: Tensor,
         shown: Tensor,
         *,
         exposure: float,
         repeats: bool,
         aliased: bool,
     ) -> Tensor:
-        """The mixture (H, W, 3), of samples, denoised colour and result (H, W, 3 each); the result if noise repeats."""
+        """The mixture (H, W, 3), of samples, denoised colour and what is shown (H, W, 3 each).
+
+        The result (H, W, 3) is judged as it was before its edges were smoothed. If noise repeats, nothing is mixed.
+        """
         if repeats:
             self.__init__()
             self.rest = 5
@@ -331,14 +335,14 @@ class Mixing:
             return shown
         # No sample counts for more than eight times the result, or is shown as more than three times.
         bright = luminance(samples)  # (H, W)
-        once = luminance(shown).clamp(min=0) + exposure / 16  # (H, W)
+        once = luminance(result).clamp(min=0) + exposure / 16  # (H, W)
         held, samples = (
             samples * torch.where(bright > times * once, times * once / bright, 1)[..., None] for times in (8, 3)
         )  # (H, W, 3) twice
-        light = [luminance(image) for image in (held, denoised, shown)]  # 3 of (H, W)
+        light = [luminance(image) for image in (held, denoised, result)]  # 3 of (H, W)
         shares = None
         if self.luminances is not None:
-            (before, smooth, result), coverage = fetch_all(self.luminances, motion)  # 3 of (H, W), (H, W)
+            (before, smooth, recent), coverage = fetch_all(self.luminances, motion)  # 3 of (H, W), (H, W)
             if self.evidence is not None:
                 shares, self.evidence = collocation_shares(self.evidence, motion, coverage)  # (h, w, 2), (h, w, 14)
                 one = of_all(self.evidence)  # (1, 1, 14)
@@ -355,7 +359,7 @@ class Mixing:
                 shares = shares * torch.stack([agreed | (not aliased), agreed], -1)  # (h, w, 2)
             if self.samples_before is not None:
                 (older,), _ = fetch_all([self.samples_before], motion)  # (H, W)
-                planes = torch.stack([light[0], before, older, smooth, result], -1)  # (H, W, 5)
+                planes = torch.stack([light[0], before, older, smooth, recent], -1)  # (H, W, 5)
                 self.evidence = collocate(planes, self.evidence, exposure=exposure)
             self.samples_before = before
         self.luminances = light
@@ -481,13 +485,14 @@ class TAA:
         merged = antialias(for_frame(self.settings, frame), self.history, color, motion, frame.depth, still, tests)
         self.history, confidence, rejection = merged
         shown, length = self.history[:2]  # (H, W, 3), (H, W)
-        if self.settings["smooth_edges"]:
-            shown = smooth_edges(shown, exposure=exposure(color))  # (H, W, 3)
         shown = shown.nan_to_num(0, 0, 0)  # (H, W, 3)
         if self.innovation and self.before is not None:
             known = {"evidence": self.evidence, "motion": motion, "exposure": exposure(color)}
             found, self.evidence = innovation(frame.color, shown, length, **known, fed_back=False)  # and (h, w, 4)
             shown, _ = correct(shown, found)  # (H, W, 3)
+        if self.settings["smooth_edges"]:
+            result = shown if self.innovation else self.history[0]  # (H, W, 3)
+            shown = smooth_edges(result, exposure=exposure(color)).nan_to_num(0, 0, 0)  # (H, W, 3)
         self.before = frame
         missing = int((~frame.color.isfinite().all(-1)).sum())
         return Output(shown, length, confidence, rejection, missing)

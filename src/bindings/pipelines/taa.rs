@@ -87,8 +87,8 @@ use crate::pipelines::taa;
 ///     Without noise, part of the aliasing is mistaken for change. For denoised frames, see the `samples` of `step`.
 /// smooth_edges : bool, optional
 ///     Show the result smoothed along its edges (`smooth_edges`; if there are `samples`, with the denoised colour as
-///     `newest` and its exposure); history stays as it is. Edges of denoised frames, whose pixels show either surface
-///     by chance, become straight. By default only preset "denoised" does this.
+///     `newest`, its exposure and `confidence`); history stays as it is. Edges of denoised frames, whose pixels show
+///     either surface by chance, become straight. By default only preset "denoised" does this.
 /// choice : bool, optional
 ///     With the `samples` of denoised frames: each tile of 8×8 pixels mixes the result with the denoised colour and the
 ///     samples, by the weights that would have made the error of the frame before least (`collocate`,
@@ -293,7 +293,8 @@ impl TAA {
     ///     With `samples`: the denoiser's. Where it is 0, that found no history of the surface; history that has to be
     ///     clipped there, and is not fetched along the motion of a neighbour, is another surface's. It is shortened, as
     ///     by `anti_lag` with a strength of ``8 (k + e) / (max(k, c) + e)``, with k and c the luminances of the clipped
-    ///     history and of the denoised colour, and e a sixteenth of the exposure.
+    ///     history and of the denoised colour, and e a sixteenth of the exposure. Where it is below 1, `smooth_edges`
+    ///     smooths more.
     ///
     /// Returns
     /// -------

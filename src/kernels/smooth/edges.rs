@@ -14,22 +14,24 @@
 //! the range of its four pixels. With v₀ the pixel, vₖ the taps and l(v) their luminance:
 //!   m = Σ ωₖ vₖ / Σ ωₖ,  ωₖ = {1, 4, 6, 4, 1} / (1 + l(vₖ) / 2e),
 //! so that one bright tap does not outshine a dark pixel. The result is v₀ + s (m − v₀), the share
-//!   s = max(0, 16 s′ − 1) / 15,  s′ = clamp((a + d)/G − 1, 0, 1) · (R / (a + d))⁴ / (1 + (l₊ / 12e)²),
+//!   s = max(0, 16 s′ − 1) / 15,  s′ = clamp((a + d)/G − 1, 0, 1) · lerp(q, 1, ¾ (1 − C)) / (1 + (l₊ / 12e)²),  q = (R / (a + d))⁴,
 //! with G = 3·10⁻⁵, below which a gradient is no edge, and l₊ the largest luminance in 3×3 pixels: around lamps far brighter
 //! than the frame, the smallest error of a share is a large one in the dark beside them. R / (a + d) is 1 on a straight edge
-//! and less in corners, on crossings and in noise.
+//! and less in corners, on crossings and in noise. Where the history of the surface is only partly known, or not at all, as its
+//! confidence C tells, a pixel shows few samples: then smoothing helps even if the edge is not straight.
 //!
 //! Colour that is an average over frames lags, and has been resampled in each. As the line takes noise from an edge, the edge can
-//! show more of the newest frame: where that is given, n, each pixel h of the line is taken as h + μ s (n − h), μ = 0.15, with
-//! the share of the pixel in its centre. Taps stay within the range of four pixels h, and the centre within that of the pixels
+//! show more of the newest frame: where that is given, n, each pixel h of the line is taken as h + 0.15 q s (n − h), with
+//! q and s of the pixel in its centre. Taps stay within the range of four pixels h, and the centre within that of the pixels
 //! beside it, across the line: a lamp that shines into the newest frame is not news of an edge.
 //!
-//! Inputs: colour (3), newest frame (3, optional). Output: colour. Borders are replicated. Pixels with a missing one among the
-//! 9×9 around keep their bits, as do those with s = 0; missing pixels of the newest frame have no share.
+//! Inputs: colour (3), newest frame (3, optional), confidence (1, optional; else 1). Output: colour. Borders are replicated. Pixels
+//! with a missing one among the 9×9 around keep their bits, as do those with s = 0; missing pixels of the newest frame have no
+//! share.
 
 use std::ops::Range;
 
-use crate::image::{Pixels, Run, SEGMENT, Size, segments};
+use crate::image::{Pixels, Run, SEGMENT, Size, View, segments};
 use crate::kernels::fetch::footprint::cubic;
 use crate::math::{Color, is_present, larger, luminance, smaller};
 use crate::pixels::{Colors, PixelsMut, Rolling, Row};
@@ -56,18 +58,23 @@ const LEAST: f32 = 1.0 / 16.0;
 /// The newest frame's share of a straight edge. With 0.2, frames of 768×576 pixels gain a quarter more, and `leaves` with depth
 /// alone loses 1 % more.
 const NEWEST: f32 = 0.15;
+/// How little straightness counts where nothing is known of a surface. With 1, `grass` gains a quarter more, and `thicket` a tenth
+/// less.
+const UNKNOWN: f32 = 0.75;
 
-/// Smooths colours along their edges. `newest` is the frame that was merged into them last. `smoothed` begins as the colours;
-/// what is missing may be anything in it.
+/// Smooths colours along their edges. `newest` is the frame that was merged into them last, and `confidence` that of the history
+/// of their surfaces. `smoothed` begins as the colours; what is missing may be anything in it.
 pub fn smooth_edges<'a>(
     color: Pixels<'a>,
     newest: Option<Pixels<'a>>,
+    confidence: Option<View<'a>>,
     exposure: f32,
     smoothed: impl Iterator<Item = PixelsMut<'a>>,
 ) {
     let kernel = SmoothEdges {
         color,
         newest,
+        confidence,
         exposure,
     };
     let height = color.size.height;
@@ -77,6 +84,7 @@ pub fn smooth_edges<'a>(
 struct SmoothEdges<'a> {
     color: Pixels<'a>,
     newest: Option<Pixels<'a>>,
+    confidence: Option<View<'a>>,
     exposure: f32,
 }
 
@@ -93,14 +101,14 @@ impl<'a> Kernel for SmoothEdges<'a> {
             tensors.roll(self, y, y == rows.start);
             let smoothed = &mut out[(y - rows.start) / BAND];
             for run in segments(y, size.width) {
-                tensors.lines(run, size, &mut lines);
+                tensors.lines(run, size, self.confidence, &mut lines);
                 let shares = &lines.share[..run.len];
                 if shares.iter().all(|&share| share <= 0.0) {
                     continue;
                 }
                 smoothed.load_colors(run, &mut colors);
                 for (i, &share) in shares.iter().enumerate().filter(|&(_, &share)| share > 0.0) {
-                    let smooth = self.smooth(run.x + i, y, share, lines.steep[i], lines.slope[i]);
+                    let smooth = self.smooth(&lines.through(run, i), share);
                     for c in 0..3 {
                         colors[c][i] = smooth[c];
                     }
@@ -115,6 +123,8 @@ impl<'a> Kernel for SmoothEdges<'a> {
 struct Lines {
     /// 0 where a pixel stays as it is.
     share: Row,
+    /// How straight the edge is, from 0 to 1.
+    straight: Row,
     /// Whether the line goes from row to row.
     steep: [bool; SEGMENT],
     /// Columns per row, or rows per column.
@@ -125,8 +135,21 @@ impl Lines {
     fn blank() -> Self {
         Self {
             share: [0.0; SEGMENT],
+            straight: [0.0; SEGMENT],
             steep: [false; SEGMENT],
             slope: [0.0; SEGMENT],
+        }
+    }
+
+    /// The line through pixel `i` of the run.
+    #[inline(always)]
+    fn through(&self, run: Run, i: usize) -> Line {
+        Line {
+            x: (run.x + i) as isize,
+            y: run.y as isize,
+            steep: self.steep[i],
+            slope: self.slope[i],
+            newest: NEWEST * self.straight[i] * self.share[i],
         }
     }
 }
@@ -200,7 +223,13 @@ impl Tensors {
 
     /// The lines of a run.
     #[inline(always)]
-    fn lines(&self, run: Run, size: Size, lines: &mut Lines) {
+    fn lines(&self, run: Run, size: Size, confidence: Option<View>, lines: &mut Lines) {
+        let mut unknown = [0.0; SEGMENT];
+        if let Some(confidence) = confidence {
+            for (unknown, &known) in unknown.iter_mut().zip(confidence.run(0, run)) {
+                *unknown = UNKNOWN * (1.0 - smaller(larger(known, 0.0), 1.0));
+            }
+        }
         let mut tensor = [[0.0; SEGMENT]; 3];
         let rows = around::<{ 2 * RADIUS + 1 }>(run.y, size.height).map(|y| self.squares.row(y));
         for (c, mean) in tensor.iter_mut().enumerate() {
@@ -220,12 +249,15 @@ impl Tensors {
             let square = apart * apart + twice * twice;
             let trace = xx[i] + yy[i];
             let coherence = square / (trace * trace);
+            let straight = coherence * coherence;
+            let along = straight + unknown[i] * (1.0 - straight);
             let edge = smaller(larger(trace / FLAT - 1.0, 0.0), 1.0);
             let column = |row: &[f32]| larger(larger(row[i], row[i + 1]), row[i + 2]);
             let tone = larger(larger(column(tones[0]), column(tones[1])), column(tones[2]));
             let bright = tone / ((1.0 - tone) * BRIGHT);
-            let share = edge * (coherence * coherence) / (1.0 + bright * bright);
+            let share = edge * along / (1.0 + bright * bright);
             // The comparison of NaN fails.
+            lines.straight[i] = straight;
             lines.share[i] = larger((share - LEAST) / (1.0 - LEAST), 0.0);
             lines.steep[i] = apart > 0.0;
             lines.slope[i] = -twice / (apart.abs() + square.sqrt());
@@ -269,21 +301,15 @@ impl SmoothEdges<'_> {
         }
     }
 
-    /// Moves a pixel by a share to the weighted mean along a line through it. Loops instead of closures: a closure that is not
+    /// Moves the pixel of a line by a share to the weighted mean along it. Loops instead of closures: a closure that is not
     /// inlined is compiled without the caller's instruction set.
     #[inline(always)]
-    fn smooth(&self, x: usize, y: usize, share: f32, steep: bool, slope: f32) -> Color {
-        let line = Line {
-            x: x as isize,
-            y: y as isize,
-            steep,
-            newest: NEWEST * share,
-        };
-        let mut own = self.tap(&line, 0, 0.0);
+    fn smooth(&self, line: &Line, share: f32) -> Color {
+        let mut own = self.tap(line, 0);
         let mut weights = self.weight(own, TAPS[0]);
         let mut sum = own.map(|value| weights * value);
         for (step, part) in [(-2, TAPS[2]), (-1, TAPS[1]), (1, TAPS[1]), (2, TAPS[2])] {
-            let tap = self.tap(&line, step, step as f32 * slope);
+            let tap = self.tap(line, step);
             let weight = self.weight(tap, part);
             for c in 0..3 {
                 sum[c] += weight * tap[c];
@@ -304,7 +330,8 @@ impl SmoothEdges<'_> {
 
     /// Interpolates between the four pixels of a row, or of a column, that a line passes.
     #[inline(always)]
-    fn tap(&self, line: &Line, step: isize, offset: f32) -> Color {
+    fn tap(&self, line: &Line, step: isize) -> Color {
+        let offset = step as f32 * line.slope;
         let floor = offset.floor();
         let weights = cubic(offset - floor);
         let mut sum = [0.0; 3];
@@ -357,8 +384,9 @@ impl SmoothEdges<'_> {
 struct Line {
     x: isize,
     y: isize,
-    /// Whether it goes from row to row.
+    /// As in [`Lines`].
     steep: bool,
+    slope: f32,
     /// The newest frame's share in its pixels.
     newest: f32,
 }

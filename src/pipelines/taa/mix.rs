@@ -16,8 +16,10 @@
 //! What is shown of it is at most [`SHOWN`] times the result, as a share that is right for the tile is still too much for
 //! its brightest sample.
 //!
-//! Inputs: samples (3), denoised colour (3), motion (2 or 3), of the frame before: luminances (3), luminance of the samples
-//! before it (1), evidence (of an eighth of the size). In place: result (3). Outputs: what the next frame needs of these.
+//! What is shown may differ from the result by smoothed edges. The result is judged without: so no choice depends on them.
+//!
+//! Inputs: samples (3), denoised colour (3), result (3), motion (2 or 3), of the frame before: luminances (3), luminance of the
+//! samples before it (1), evidence (of an eighth of the size). In place: what is shown (3). Outputs: what the next frame needs.
 
 use std::ops::Range;
 
@@ -31,6 +33,7 @@ use crate::kernels::judge::choice::Levels;
 use crate::kernels::judge::collocation::{self, Luminances, PLANES, SHARES, collocate};
 use crate::math::{black_level, is_present, larger, luminance};
 use crate::pipelines::correction::scale;
+use crate::pipelines::frame::blacken_missing;
 use crate::pixels::{Colors, Row};
 use crate::rows::{self, BAND, Kernel, Simd};
 
@@ -93,11 +96,13 @@ pub struct SampleNoise {
     pub jittered: bool,
 }
 
-/// Mixes samples and denoised colour into the result. Returns what the next frame needs.
+/// Mixes samples and denoised colour into what is shown. The result is judged as it was before its edges were smoothed. Returns
+/// what the next frame needs.
 pub fn mix(
     before: Option<Seen>,
     samples: Pixels,
     denoised: Pixels,
+    result: Pixels,
     motion: Pixels,
     exposure: f32,
     noise: SampleNoise,
@@ -142,7 +147,7 @@ pub fn mix(
             let older = forget(older, &coverage);
             let compared = Compared {
                 held: &held,
-                result: Pixels::of_interleaved(size, 3, shown),
+                result,
                 recent: recent.view(),
                 older: older.view(),
             };
@@ -158,6 +163,7 @@ pub fn mix(
     let kernel = Mix {
         held,
         denoised,
+        result,
         shares: first.zip(second).map(|(a, b)| [a, b].map(Levels)),
     };
     let band = BAND * size.width;
@@ -279,6 +285,7 @@ impl Luminances for Compared<'_> {
         for run in segments(y, self.result.size.width) {
             self.held.samples.colors(run, &mut colors);
             self.result.colors(run, &mut results);
+            results.iter_mut().for_each(|row| blacken_missing(row));
             for (i, fresh) in fresh[run.x..][..run.len].iter_mut().enumerate() {
                 let [sample, [r, g, b]] =
                     [&colors, &results].map(|rows| [0, 1, 2].map(|c| rows[c][i]));
@@ -293,19 +300,21 @@ impl Luminances for Compared<'_> {
 }
 
 impl Mix<'_> {
-    /// Mixes a run into the result, and tells the luminances of samples, denoised colour and result.
+    /// Mixes a run into what is shown, and tells the luminances of samples, denoised colour and result.
     #[inline(always)]
     fn mix(
         &self,
         sample: &[Row; 3],
         denoised: &[Row; 3],
+        result: &[Row; 3],
         levels: &[Row; SHARES],
-        result: &mut [Row; 3],
+        shown: &mut [Row; 3],
         luminances: &mut [Row; LUMINANCES],
     ) {
         for i in 0..SEGMENT {
-            let [y, a, b] = [sample, denoised, result].map(|rows| [0, 1, 2].map(|c| rows[c][i]));
-            let [denoised, before] = [a, b].map(|[r, g, b]| luminance(r, g, b));
+            let [y, a, b, result] =
+                [sample, denoised, shown, result].map(|rows| [0, 1, 2].map(|c| rows[c][i]));
+            let [denoised, before] = [a, result].map(|[r, g, b]| luminance(r, g, b));
             let (_, sample) = self.held.beside(y, before, BRIGHTEST);
             let (y, _) = self.held.beside(y, before, SHOWN);
             let known = [sample, denoised, before];
@@ -317,7 +326,7 @@ impl Mix<'_> {
             let finite = is_present(mixed);
             for c in 0..3 {
                 luminances[c][i] = known[c];
-                result[c][i] = if finite { mixed[c] } else { smooth[c] };
+                shown[c][i] = if finite { mixed[c] } else { smooth[c] };
             }
         }
     }
@@ -327,6 +336,7 @@ impl Mix<'_> {
 struct Mix<'a> {
     held: Held<'a>,
     denoised: Pixels<'a>,
+    result: Pixels<'a>,
     /// Of the denoised colour, and of the samples.
     shares: Option<[Levels<'a>; 2]>,
 }
@@ -337,7 +347,7 @@ impl<'a> Kernel for Mix<'a> {
     #[inline(always)]
     fn rows<S: Simd>(&self, _: S, rows: Range<usize>, (shown, luminances): Self::Out) {
         let Size { width, .. } = self.denoised.size;
-        let [mut sample, mut denoised, mut result, mut known] = [[[0.0; SEGMENT]; 3]; 4];
+        let [mut sample, mut denoised, mut result, mut mixed, mut known] = [[[0.0; SEGMENT]; 3]; 5];
         let mut levels = [[0.0; SEGMENT]; SHARES];
         let shown = rows::lines(rows.clone(), shown, 3 * width);
         let luminances = rows::lines(rows, luminances, LUMINANCES * width);
@@ -347,17 +357,19 @@ impl<'a> Kernel for Mix<'a> {
                 let shown = &mut shown[start..][..len];
                 self.held.samples.colors(run, &mut sample);
                 self.denoised.colors(run, &mut denoised);
-                deinterleave(shown, result.iter_mut().map(Row::as_mut_slice));
+                self.result.colors(run, &mut result);
+                result.iter_mut().for_each(|row| blacken_missing(row));
+                deinterleave(shown, mixed.iter_mut().map(Row::as_mut_slice));
                 if let Some(shares) = &self.shares {
                     for (levels, shares) in levels.iter_mut().zip(shares) {
                         shares.read(run, &mut levels[..run.len]);
                     }
                 }
-                self.mix(&sample, &denoised, &levels, &mut result, &mut known);
+                self.mix(&sample, &denoised, &result, &levels, &mut mixed, &mut known);
                 let luminances = &mut luminances[start..][..len];
                 interleave(known.iter().map(Row::as_slice), luminances);
                 if self.shares.is_some() {
-                    interleave(result.iter().map(Row::as_slice), shown);
+                    interleave(mixed.iter().map(Row::as_slice), shown);
                 }
             }
         }
