@@ -303,7 +303,8 @@ impl Stage {
         missing
     }
 
-    /// Smooths what is shown along its edges; not the history, with which it may still be equal.
+    /// Smooths what is shown along its edges; the history stays as it is. `is_history` tells that both are still the same, so that
+    /// the history can be read instead of a copy.
     fn smooth_edges(
         &self,
         is_history: bool,

@@ -55,10 +55,9 @@ const HALF: f32 = 2.0;
 const BRIGHT: f32 = 12.0;
 /// Share below which pixels stay as they are.
 const LEAST: f32 = 1.0 / 16.0;
-/// The newest frame's share of a straight edge. With 0.2, frames of 768×576 pixels gain a quarter more, and `leaves` with depth
-/// alone loses 1 % more.
+/// The newest frame's share of a straight edge. With 0.2, `leaves` with depth alone has 2 % more relMSE than without the kernel.
 const NEWEST: f32 = 0.15;
-/// How little straightness counts where nothing is known of a surface. With 1, `grass` gains a quarter more, and `thicket` a tenth
+/// How little straightness counts where nothing is known of a surface. From 2/3 to 1, `grass` gains a quarter more, and `thicket`
 /// less.
 const UNKNOWN: f32 = 0.75;
 
