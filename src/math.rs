@@ -86,6 +86,13 @@ pub fn black_level(exposure: f32) -> f32 {
     (exposure / 16.0).max(f32::MIN_POSITIVE)
 }
 
+/// Whether a depth is that of background: infinite, or not above 0, as many renderers store where nothing was hit. NaN is
+/// unknown.
+#[inline(always)]
+pub fn is_background(depth: f32) -> bool {
+    (depth == f32::INFINITY) | (depth <= 0.0)
+}
+
 /// The minimum; `b` where either is NaN. One instruction on every CPU, unlike `f32::min`, which tests for NaN.
 #[inline(always)]
 pub fn smaller(a: f32, b: f32) -> f32 {

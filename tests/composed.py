@@ -99,7 +99,10 @@ def find_motion(frame: yester.Frame, before: yester.Frame | None) -> NDArray[np.
         known = motion.shape[-1] == 2 and all(depth is not None for depth in depths)
         change = yester.depth_change(*depths, motion) if known else 0
         return np.dstack([motion, np.full(motion.shape[:2], change, np.float32)]) if change else motion
-    missed = ~np.isfinite(frame.position).all(-1) if frame.position is not None else np.isposinf(frame.depth)
+    if frame.position is None:
+        missed = np.isposinf(frame.depth) | (frame.depth <= 0)
+    else:
+        missed = ~np.isfinite(frame.position).all(-1)
     unknown = ~np.isfinite(motion[..., :2]).all(-1) | ((motion[..., :2] == 0).all(-1) & missed)
     filled = motion.shape[-1] == 2 or unknown[::4].any()
     if motion.shape[-1] == 2:
@@ -351,7 +354,7 @@ def comparable(
     if frame.emission is not None:
         shines |= (frame.emission > 0).any(-1)
     if frame.depth is not None:
-        shines |= ~np.isfinite(frame.depth)
+        shines |= ~(np.isfinite(frame.depth) & (frame.depth > 0))
     around = np.pad(shines, 1)
     height, width = shines.shape
     for dy in range(3):
@@ -1196,7 +1199,10 @@ class BMFR:
             if frame.emission is not None:
                 shines |= (frame.emission > 0).any(-1)
             shines &= (frame.albedo <= 1 / 1024).all(-1)
-            weight = np.where(shines, np.float32(np.nan), np.float32(1) if weight is None else weight)
+            magnified = luminance(yester.demodulate(np.ones_like(color), **texture_of(frame)))
+            dark = np.maximum(np.float32(0.15) * magnified, 1)
+            weight = (np.float32(1) if weight is None else weight) * (1 / (dark * dark))
+            weight = np.where(shines, np.float32(np.nan), weight)
         block = self.block or (8 if frame.albedo is None else 16)
         fitted, _ = yester.regress(
             color,

@@ -91,6 +91,24 @@ def test_bright_light_weighs_less(lacking, rtol):
     assert_close("BMFR by light", usual, want.color, rtol=1e-5)
 
 
+def test_dark_surfaces_weigh_less():
+    """What a sign on a dark surface sends out, divided by its albedo, leaks less into the wall around it."""
+    light = np.full((16, 16, 3), 1.0, np.float32)
+    sign = np.s_[4:8, 4:8]
+    light[sign] = 8
+    shown, frames = [], []
+    for reflectance in (0.05, 0.5):
+        albedo = np.full_like(light, 0.5)
+        albedo[sign] = reflectance
+        frame = yester.Frame(light * albedo, albedo=albedo)
+        frames.append(frame)
+        shown.append(yester.BMFR(by_light=False, antialias=False).step(frame).color)
+    dark, bright = (color[10:].mean() / 0.5 - 1 for color in shown)
+    assert 0 < dark < 0.2 * bright
+    check_bits(frames)
+    check_bits(frames, by_light=False)
+
+
 @pytest.mark.parametrize("shines", [None, False, True])
 def test_emitters_are_left_out(shines):
     """Of black surfaces, those that are known to shine, or that have no noise; glass and mirrors have some."""

@@ -41,14 +41,25 @@ def test_both_sides_of_the_cameras():
     np.testing.assert_array_equal(got.all(-1), got.any(-1))
 
 
-@pytest.mark.parametrize("depth", [np.nan, 0.0, -1.0, -np.inf])
-def test_no_depth_no_motion(depth):
+def test_no_depth_no_motion():
     camera = flight.camera(0, 4, 4)
     geometry = np.ones((4, 4), np.float32)
-    geometry[1, 2] = depth
+    geometry[1, 2] = np.nan
     motion = yester.motion_vectors(geometry, camera, camera)
     np.testing.assert_array_equal(np.isnan(motion).all(-1), geometry != 1)
     np.testing.assert_array_equal(np.isnan(motion).any(-1), geometry != 1)
+
+
+@pytest.mark.parametrize("depth", [0.0, -1.0, -np.inf])
+def test_depth_of_background(depth):
+    """Renderers store 0 where nothing was hit, too."""
+    cameras = flight.camera(1, 4, 4), flight.camera(0, 4, 4)
+    geometry = np.ones((4, 4), np.float32)
+    geometry[1, 2] = depth
+    motion = yester.motion_vectors(geometry, *cameras)
+    geometry[1, 2] = np.inf
+    np.testing.assert_array_equal(motion, yester.motion_vectors(geometry, *cameras))
+    np.testing.assert_array_equal(motion[1, 2, 2], 0)
 
 
 @pytest.mark.parametrize("buffer", ["depth", "position"])

@@ -4,7 +4,9 @@ import copy
 import inspect
 import pickle
 import threading
+from dataclasses import replace
 
+import flight
 import numpy as np
 import pytest
 import yester
@@ -124,6 +126,23 @@ def test_no_preset_is_called_so_by_the_error():
         yester.TAA("seeds")
     assert "'seed'" not in str(error.value)
     assert '"seed"' not in str(error.value)
+
+
+@pytest.mark.parametrize("channels", [2, 3])
+@pytest.mark.parametrize("make", [yester.SVGF, yester.BMFR, yester.HalfRes, yester.TAA])
+def test_depth_of_background(make, channels):
+    """Depth of 0 where nothing was hit, and no motion there, are as good as infinite depth."""
+    rng, pipelines = np.random.default_rng(0), (make(), make())
+    for number in range(4):
+        frame = flight.shoot(number, 48, 32)
+        missed = np.isposinf(frame.depth)
+        assert 0.1 < missed.mean() < 0.9
+        motion = np.where(missed[..., None], 0, frame.motion)[..., :channels]
+        frame = replace(frame, color=flight.noisy(frame, rng), position=None, motion=motion)
+        coded = replace(frame, depth=np.where(missed, np.float32(0), frame.depth))
+        got, want = (pipeline.step(given) for pipeline, given in zip(pipelines, (coded, frame), strict=True))
+        assert_same_bits(got.color, want.color)
+    assert got.confidence[missed].mean() > 0.5
 
 
 def test_a_second_thread_is_told_so():

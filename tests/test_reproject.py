@@ -264,16 +264,16 @@ def test_without_motion_there_is_no_history():
 
 
 def test_background_is_a_surface():
-    """Infinite depth matches infinite depth alone; invalid depths match nothing."""
-    depth = np.float32([[np.inf, np.inf, 1, np.nan, 0, -1, 1]])
-    before = np.float32([[np.inf, 1, np.inf, np.nan, 0, -1, 1]])
-    normal = np.zeros((1, 7, 3), np.float32)
-    motion = np.zeros((1, 7, 3), np.float32)
-    camera = {"previous_camera": compare.camera(np.random.default_rng(0), 7, 1)}
+    """Infinite depth, and none above 0, match one another alone; unknown depths match nothing."""
+    depth = np.float32([[np.inf, np.inf, 1, np.nan, 0, -1, 1, 0, np.inf, 1, 0]])
+    before = np.float32([[np.inf, 1, np.inf, np.nan, 0, -1, 1, np.inf, -1, 0, 1]])
+    normal = np.zeros((1, 11, 3), np.float32)
+    motion = np.zeros((1, 11, 3), np.float32)
+    camera = {"previous_camera": compare.camera(np.random.default_rng(0), 11, 1)}
     for plane in ({}, {"normal": normal, "previous_normal": normal, **camera}):
         named = {"depth": depth, "previous_depth": before, "fallback": False, **plane}
-        _, coverage = yester.reproject(np.ones((1, 7), np.float32), motion, **named)
-        np.testing.assert_array_equal(coverage, [[1, 0, 0, 0, 0, 0, 1]])
+        _, coverage = yester.reproject(np.ones((1, 11), np.float32), motion, **named)
+        np.testing.assert_array_equal(coverage, [[1, 0, 0, 0, 1, 1, 1, 1, 1, 0, 0]])
 
 
 def test_depth_motion_moves_the_expected_depth():

@@ -133,11 +133,10 @@ def test_invalid_distances_give_nan(buffer):
     assert np.isfinite(got[1:]).all()
 
 
-@pytest.mark.parametrize("depth", [np.nan, 0.0, -1.0, -np.inf])
-def test_no_depth_no_motion(depth):
+def test_no_depth_no_motion():
     camera = flight.camera(0, 4, 4)
     geometry = np.ones((4, 4), np.float32)
-    geometry[1, 2] = depth
+    geometry[1, 2] = np.nan
     for hit in (0, 1, np.inf):
         motion = yester.virtual_motion(geometry, np.full((4, 4), hit, np.float32), camera, camera)
         np.testing.assert_array_equal(np.isnan(motion).all(-1), geometry != 1)

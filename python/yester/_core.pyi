@@ -1013,11 +1013,12 @@ class BMFR(Pipeline):
     `repetition`, `clip_history` and `restore_detail`, `innovation`, `remodulate`, and those of `TAA`, corrected as in
     `SVGF`. From frame to frame the grid of blocks is offset by (0, 0), (4, 4), (2, 6), (6, 2), (1, 3), (5, 7), (3, 1)
     and (7, 5) eighths of a block. Pixels with black albedo are not fitted if they have emission, or if their light has
-    no noise (``m2 - m1² <= 0.01 m1²``), as lamps and background. The weight of the N-th fit is at least 1/N. Detail is
-    restored with a strictness of 0.7. It comes from the accumulated light of histories of at least 3.5 samples, clipped
-    by ``clip_history(box="minmax", space="rgb", response="clamp")`` to the new samples, and its variance is ``(m2 -
-    m1²) / N``. With `by_light`, what exceeds both fit and own new sample is divided by ``(1 + x / 8)**2``: history
-    beside a lamp contains some of it.
+    no noise (``m2 - m1² <= 0.01 m1²``), as lamps and background. Dark surfaces weigh less, ``min(1, d / 0.15)**2`` with
+    ``1 / d`` the luminance of what demodulation multiplies light by: their highlights and unknown emission are divided
+    by it, too. The weight of the N-th fit is at least 1/N. Detail is restored with a strictness of 0.7. It comes from
+    the accumulated light of histories of at least 3.5 samples, clipped by ``clip_history(box="minmax", space="rgb",
+    response="clamp")`` to the new samples, and its variance is ``(m2 - m1²) / N``. With `by_light`, what exceeds both
+    fit and own new sample is divided by ``(1 + x / 8)**2``: history beside a lamp contains some of it.
 
     References
     ----------
@@ -1628,7 +1629,7 @@ def motion_vectors(
     Parameters
     ----------
     geometry : (H, W) or (H, W, 3) array_like of float
-        Depth, view-space z, +inf where nothing was hit; or world-space position, not finite where nothing was hit.
+        Depth, view-space z, +inf or not above 0 where nothing was hit; or world-space position, not finite there.
         Positions account for the sub-pixel position of each sample.
     camera, previous_camera : Camera
         Of the current and the previous frame, without jitter, both of the image's size.
@@ -1645,7 +1646,7 @@ def motion_vectors(
     motion : (H, W, 3) float32
         Previous minus current x and y in pixels (x right, y down) and previous minus current depth in scene units.
         Zero for a still camera and object, exactly. Background moves with the camera's rotation alone. NaN where the
-        surface was not in front of the previous camera, or the depth is NaN or not above 0.
+        surface was not in front of the previous camera, or the depth is NaN.
 
     Raises
     ------
@@ -1746,7 +1747,7 @@ def depth_change(depth: ArrayLike, previous_depth: ArrayLike, motion: ArrayLike)
     Parameters
     ----------
     depth : (H, W) array_like of float
-        View-space z. Infinite, as of background, or NaN tells nothing.
+        View-space z. Background, which is infinite or not above 0, and NaN tell nothing.
     previous_depth : (H, W) array_like of float
         That of the previous frame.
     motion : (H, W, 2) or (H, W, 3) array_like of float
@@ -1959,7 +1960,7 @@ def reproject(
     dering : bool, default True
         Clamp the wide filters to the range of the nearest 2×2 taps.
     depth, previous_depth : (H, W) array_like of float, optional
-        View-space z, +inf where nothing was hit. Each pair of buffers is given together or not at all.
+        View-space z; +inf or not above 0 is background. Each pair of buffers is given together or not at all.
     normal, previous_normal : (H, W, 3) array_like of float, optional
         World space; only directions count. Zeros, as where nothing was hit, have none, and pass.
     ids, previous_ids : (H, W) array_like of int, optional
@@ -2085,7 +2086,7 @@ def reproject(
     dering : bool, default True
         Clamp the wide filters to the range of the nearest 2×2 taps.
     depth, previous_depth : (H, W) array_like of float, optional
-        View-space z, +inf where nothing was hit. Each pair of buffers is given together or not at all.
+        View-space z; +inf or not above 0 is background. Each pair of buffers is given together or not at all.
     normal, previous_normal : (H, W, 3) array_like of float, optional
         World space; only directions count. Zeros, as where nothing was hit, have none, and pass.
     ids, previous_ids : (H, W) array_like of int, optional
@@ -2197,7 +2198,7 @@ def consistency(
     motion : (H, W, 2) or (H, W, 3) array_like of float
         Previous minus current position in pixels; the third channel, if given, previous minus current depth.
     depth, previous_depth : (H, W) array_like of float, optional
-        View-space z, +inf where nothing was hit. Each pair of buffers is given together or not at all.
+        View-space z; +inf or not above 0 is background. Each pair of buffers is given together or not at all.
     normal, previous_normal : (H, W, 3) array_like of float, optional
         World space; only directions count. Zeros, as where nothing was hit, have none, and pass.
     ids, previous_ids : (H, W) array_like of int, optional
@@ -2250,8 +2251,8 @@ def consistency(
 
     Notes
     -----
-    Expected depth is depth plus the motion's third channel, or depth itself. Background (+inf) matches background only;
-    NaN or non-positive depth matches nothing. The plane test is that of NRD's ReLAX and ReBLUR [1]_; the relative test
+    Expected depth is depth plus the motion's third channel, or depth itself. Background, of depth +inf or not above 0,
+    matches background only, and NaN nothing. The plane test is that of NRD's ReLAX and ReBLUR [1]_; the relative test
     at a tenth and the angle of 25° are customary values.
 
     With `previous_motion`, of the pixels that come from one place those are taken to have been there whose motion has

@@ -35,7 +35,7 @@ class Frame:
     normal : (H, W, 3) array_like of float, optional
         World space, unit length; zeros where nothing was hit.
     depth : (H, W) array_like of float, optional
-        Distance along the camera axis in scene units; +inf where nothing was hit.
+        Distance along the camera axis in scene units; +inf, or not above 0, where nothing was hit.
     motion : (H, W, 2) or (H, W, 3) array_like of float, optional
         Previous minus current position in pixels, x right, y down, jitter removed. The third channel, if given, is
         previous minus current depth, which makes the depth tests exact under motion. Unknown where it is not finite,

@@ -495,7 +495,7 @@ pub fn jitter_<'py>(
 /// Parameters
 /// ----------
 /// geometry : (H, W) or (H, W, 3) array_like of float
-///     Depth, view-space z, +inf where nothing was hit; or world-space position, not finite where nothing was hit.
+///     Depth, view-space z, +inf or not above 0 where nothing was hit; or world-space position, not finite there.
 ///     Positions account for the sub-pixel position of each sample.
 /// camera, previous_camera : Camera
 ///     Of the current and the previous frame, without jitter, both of the image's size.
@@ -512,7 +512,7 @@ pub fn jitter_<'py>(
 /// motion : (H, W, 3) float32
 ///     Previous minus current x and y in pixels (x right, y down) and previous minus current depth in scene units.
 ///     Zero for a still camera and object, exactly. Background moves with the camera's rotation alone. NaN where the
-///     surface was not in front of the previous camera, or the depth is NaN or not above 0.
+///     surface was not in front of the previous camera, or the depth is NaN.
 ///
 /// Raises
 /// ------
@@ -685,7 +685,7 @@ pub fn virtual_motion_<'py>(
 /// Parameters
 /// ----------
 /// depth : (H, W) array_like of float
-///     View-space z. Infinite, as of background, or NaN tells nothing.
+///     View-space z. Background, which is infinite or not above 0, and NaN tell nothing.
 /// previous_depth : (H, W) array_like of float
 ///     That of the previous frame.
 /// motion : (H, W, 2) or (H, W, 3) array_like of float

@@ -32,7 +32,7 @@ use crate::kernels::fetch::validate::{self, Threshold};
 /// dering : bool, default True
 ///     Clamp the wide filters to the range of the nearest 2×2 taps.
 /// depth, previous_depth : (H, W) array_like of float, optional
-///     View-space z, +inf where nothing was hit. Each pair of buffers is given together or not at all.
+///     View-space z; +inf or not above 0 is background. Each pair of buffers is given together or not at all.
 /// normal, previous_normal : (H, W, 3) array_like of float, optional
 ///     World space; only directions count. Zeros, as where nothing was hit, have none, and pass.
 /// ids, previous_ids : (H, W) array_like of int, optional

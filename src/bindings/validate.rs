@@ -148,7 +148,7 @@ fn pair<'py, T: Number>(
 /// motion : (H, W, 2) or (H, W, 3) array_like of float
 ///     Previous minus current position in pixels; the third channel, if given, previous minus current depth.
 /// depth, previous_depth : (H, W) array_like of float, optional
-///     View-space z, +inf where nothing was hit. Each pair of buffers is given together or not at all.
+///     View-space z; +inf or not above 0 is background. Each pair of buffers is given together or not at all.
 /// normal, previous_normal : (H, W, 3) array_like of float, optional
 ///     World space; only directions count. Zeros, as where nothing was hit, have none, and pass.
 /// ids, previous_ids : (H, W) array_like of int, optional
@@ -201,8 +201,8 @@ fn pair<'py, T: Number>(
 ///
 /// Notes
 /// -----
-/// Expected depth is depth plus the motion's third channel, or depth itself. Background (+inf) matches background only;
-/// NaN or non-positive depth matches nothing. The plane test is that of NRD's ReLAX and ReBLUR [1]_; the relative test
+/// Expected depth is depth plus the motion's third channel, or depth itself. Background, of depth +inf or not above 0,
+/// matches background only, and NaN nothing. The plane test is that of NRD's ReLAX and ReBLUR [1]_; the relative test
 /// at a tenth and the angle of 25° are customary values.
 ///
 /// With `previous_motion`, of the pixels that come from one place those are taken to have been there whose motion has

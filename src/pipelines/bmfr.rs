@@ -11,7 +11,7 @@ mod fit;
 
 use std::ops::Range;
 
-use self::fit::{LEAST, accumulate_fits, by_light, fit, restored, without_emitters};
+use self::fit::{LEAST, accumulate_fits, by_light, by_texture, fit, restored};
 use super::correction::correct;
 use super::frame::{Frame, Motion, Output, Steps, Summary, Upkeep, names, show};
 use super::history;
@@ -320,7 +320,7 @@ impl<'a> Inputs<'a> {
         )
     }
 
-    /// Fits the accumulated light, where emitters do not count. Pixels count by `trust`, if there is any.
+    /// Fits the accumulated light, where emitters do not count, and dark surfaces less. Pixels count by `trust`, if there is any.
     fn fit(
         &self,
         params: &Params,
@@ -328,18 +328,11 @@ impl<'a> Inputs<'a> {
         trust: Option<View>,
         age: usize,
     ) -> Interleaved {
-        let Frame {
-            albedo, emission, ..
-        } = *self.frame;
-        let reflecting = albedo.map(|albedo| without_emitters(albedo, emission, history, trust));
+        let weight = (self.texture).map(|texture| by_texture(texture, history, trust));
         fit(
             history.pixels().part(LIGHT),
             self.features,
-            reflecting
-                .as_ref()
-                .map(Image::view)
-                .or(trust)
-                .map(Pixels::from),
+            weight.as_ref().map(Image::view).or(trust).map(Pixels::from),
             params.features,
             params.block_of(self.frame),
             age,

@@ -89,7 +89,9 @@ class BMFR(SVGF):
             if emission is not None:
                 noisy &= ~(emission > 0).any(-1)
             fitted = noisy | (frame.albedo > 1 / 1024).any(-1)  # (H, W)
-            weight = (torch.ones_like(length) if bright is None else bright).where(fitted, torch.nan)  # (H, W)
+            magnified = luminance(demodulate(torch.ones_like(color), **texture_of(frame)))  # (H, W)
+            dark = (0.15 * magnified).clamp(min=1) ** -2  # (H, W)
+            weight = (dark if bright is None else dark * bright).where(fitted, torch.nan)  # (H, W)
         side = self.block or (8 if frame.albedo is None else 16)
         blocks = {"block": side, "offset": (x * side // 8, y * side // 8), "features": self.features}
         surface = {"normal": frame.normal, "geometry": geometry, "camera": frame.camera, "weight": weight}

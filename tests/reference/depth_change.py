@@ -16,7 +16,7 @@ def depth_change(depth: Tensor, previous_depth: Tensor, motion: Tensor) -> float
     inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)  # (H/8, W/8)
     now = depth[y, x][inside]  # (N,)
     before = previous_depth[row[inside].long(), column[inside].long()]  # (N,)
-    finite = now.isfinite() & before.isfinite()  # (N,)
+    finite = now.isfinite() & before.isfinite() & (now > 0) & (before > 0)  # (N,)
     now, before = now[finite], before[finite]  # (M,), (M,)
     if len(now) < 16:
         return 0.0

@@ -24,7 +24,7 @@ def motion_vectors(geometry: Tensor, camera, previous_camera, *, ids=None, trans
     height, width = geometry.shape[:2]
     centres = pixel_centres(height, width, geometry)  # (H, W, 2)
     if geometry.ndim == 2:
-        background = geometry == torch.inf  # (H, W)
+        background = (geometry == torch.inf) | (geometry <= 0)  # (H, W)
         points = unproject(camera, centres, geometry.where(~background, 1))  # (H, W, 3)
     else:
         background = ~geometry.isfinite().all(-1)  # (H, W)

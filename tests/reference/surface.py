@@ -180,6 +180,7 @@ class SurfaceTests:
 
     def _depth(self, pixel: Tensor, tap: Tensor, x: Tensor, y: Tensor) -> Trust:
         z, there = self.z[pixel], self.previous_z[tap]  # (N,)
+        z, there = (depth.where(~(depth <= 0), torch.inf) for depth in (z, there))  # (N,)
         expected = z + self.mz[pixel]  # (N,)
         size = torch.maximum(z, expected)  # (N,)
         value = (there - expected).abs()  # (N,)

@@ -158,7 +158,7 @@ def is_beside_lamps(frame, color: Tensor, bright: Tensor) -> Tensor:
     if frame.emission is not None:
         shines = shines.maximum((frame.emission > 0).any(-1).to(shines))  # (H, W)
     if frame.depth is not None:
-        shines = shines.maximum((~frame.depth.isfinite()).to(shines))  # (H, W)
+        shines = shines.maximum((~(frame.depth.isfinite() & (frame.depth > 0))).to(shines))  # (H, W)
     return max_pool2d(shines[None], 3, stride=1, padding=1)[0] > 0
 
 
@@ -431,7 +431,10 @@ def find_motion(frame, before) -> Tensor:
         if motion.shape[-1] == 3 or None in depths or not (change := depth_change(*depths, motion)):
             return motion
         return torch.cat([motion, torch.full_like(motion[..., :1], change)], -1)  # (H, W, 3)
-    missed = frame.depth.isposinf() if frame.position is None else ~frame.position.isfinite().all(-1)  # (H, W)
+    if frame.position is None:
+        missed = frame.depth.isposinf() | (frame.depth <= 0)  # (H, W)
+    else:
+        missed = ~frame.position.isfinite().all(-1)  # (H, W)
     known = motion[..., :2].isfinite().all(-1) & ~((motion[..., :2] == 0).all(-1) & missed)  # (H, W)
     filled = motion.shape[-1] == 2 or not known[::4].all()
     if motion.shape[-1] == 2:

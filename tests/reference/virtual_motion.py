@@ -23,7 +23,7 @@ def virtual_motion(geometry: Tensor, hit_distance: Tensor, camera, previous_came
     centres = pixel_centres(height, width, geometry)  # (H, W, 2)
     origin, directions = rays(camera, centres)  # (3,), (H, W, 3)
     if geometry.ndim == 2:
-        background, seen = geometry == torch.inf, geometry > 0  # (H, W), (H, W)
+        background, seen = (geometry == torch.inf) | (geometry <= 0), geometry > 0  # (H, W), (H, W)
         points = origin + geometry.where(~background, 1)[..., None] * directions  # (H, W, 3)
         now = centres  # (H, W, 2)
     else:

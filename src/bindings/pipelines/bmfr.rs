@@ -74,11 +74,12 @@ use crate::pipelines::{bmfr, history};
 /// `repetition`, `clip_history` and `restore_detail`, `innovation`, `remodulate`, and those of `TAA`, corrected as in
 /// `SVGF`. From frame to frame the grid of blocks is offset by (0, 0), (4, 4), (2, 6), (6, 2), (1, 3), (5, 7), (3, 1)
 /// and (7, 5) eighths of a block. Pixels with black albedo are not fitted if they have emission, or if their light has
-/// no noise (``m2 - m1² <= 0.01 m1²``), as lamps and background. The weight of the N-th fit is at least 1/N. Detail is
-/// restored with a strictness of 0.7. It comes from the accumulated light of histories of at least 3.5 samples, clipped
-/// by ``clip_history(box="minmax", space="rgb", response="clamp")`` to the new samples, and its variance is ``(m2 -
-/// m1²) / N``. With `by_light`, what exceeds both fit and own new sample is divided by ``(1 + x / 8)**2``: history
-/// beside a lamp contains some of it.
+/// no noise (``m2 - m1² <= 0.01 m1²``), as lamps and background. Dark surfaces weigh less, ``min(1, d / 0.15)**2`` with
+/// ``1 / d`` the luminance of what demodulation multiplies light by: their highlights and unknown emission are divided
+/// by it, too. The weight of the N-th fit is at least 1/N. Detail is restored with a strictness of 0.7. It comes from
+/// the accumulated light of histories of at least 3.5 samples, clipped by ``clip_history(box="minmax", space="rgb",
+/// response="clamp")`` to the new samples, and its variance is ``(m2 - m1²) / N``. With `by_light`, what exceeds both
+/// fit and own new sample is divided by ``(1 + x / 8)**2``: history beside a lamp contains some of it.
 ///
 /// References
 /// ----------

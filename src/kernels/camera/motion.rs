@@ -8,9 +8,9 @@
 //! camera's rotation moves it. Both ends project the same point, so the sub-pixel jitter of the sample cancels, and a
 //! still camera gives exact zeros. Everything is computed in double precision.
 //!
-//! Inputs: depth (H, W), view-space z, +inf where nothing was hit, or position (H, W, 3), world space, not finite where
-//! nothing was hit; ids (H, W). Output: (H, W, 3), previous minus current x and y in pixels and depth in scene units;
-//! NaN where the point was not in front of the previous camera, or where depth is NaN or not above zero.
+//! Inputs: depth (H, W), view-space z, +inf or not above zero where nothing was hit, or position (H, W, 3), world space, not
+//! finite where nothing was hit; ids (H, W). Output: (H, W, 3), previous minus current x and y in pixels and depth in scene
+//! units; NaN where the point was not in front of the previous camera, or where depth is NaN.
 
 use std::ops::Range;
 
@@ -19,13 +19,14 @@ use glam::{DAffine3, DMat4, DVec3};
 use super::pinhole::{Camera, Warp};
 use crate::error::{Error, Result};
 use crate::image::{Pixels, Run, SEGMENT, segments};
+use crate::math::is_background;
 use crate::pixels::{PixelsMut, Row};
 use crate::rows::{self, Kernel, Simd};
 
 /// The positions of the pixels' surfaces, as either buffer.
 #[derive(Clone, Copy)]
 pub enum Geometry<'a> {
-    /// View-space z (1), +inf where nothing was hit.
+    /// View-space z (1), +inf or not above 0 where nothing was hit.
     Depth(Pixels<'a>),
     /// World space (3), not finite where nothing was hit.
     Position(Pixels<'a>),
@@ -67,9 +68,8 @@ impl Shown {
                 image.load(run, 0, a);
                 for i in 0..len {
                     (x[i], y[i]) = (right(i), down);
-                    let far = a[i] == f32::INFINITY;
-                    let known = if a[i] > 0.0 { a[i] } else { f32::NAN };
-                    depth[i] = f64::from(if far { 1.0 } else { known });
+                    let far = is_background(a[i]);
+                    depth[i] = f64::from(if far { 1.0 } else { a[i] });
                     near[i] = if far { 0.0 } else { 1.0 };
                 }
             }

@@ -9,7 +9,7 @@
 //!   relative, |Z′ − Ze| ≤ t·Ze; or, where the previous camera is known, by the distance of the expected point from
 //!   the tap's plane, |(Xe − X′)·n′| ≤ t·Ze, which stays small on slopes where depth itself runs (NRD ReLAX and
 //!   ReBLUR test the plane distance against a share of view depth; the relative test at a tenth is the usual rule of
-//!   thumb). Background matches background alone.
+//!   thumb). Background, of infinite depth or none above 0, matches background alone.
 //! - **luminance**: |l − l′| / max(|l|, |l′|) ≤ t; missing samples pass.
 //! - **speed**: the length of the motion in pixels.
 //! - **motion**, for frames without depth: |m − m′| − 2c ≤ t, where m is the pixel's motion, m′ that of the tap in the previous
@@ -23,7 +23,7 @@ use std::ops::Range;
 
 use crate::image::{Pixels, Run, SEGMENT, Size};
 use crate::kernels::camera::pinhole::Rays;
-use crate::math::{self, dot, luminance};
+use crate::math::{self, dot, is_background, luminance};
 
 /// The tests that a pixel's history failed, as bits of a mask.
 pub mod rejection {
@@ -336,6 +336,8 @@ impl TapSurfaces {
         }
         if let Some([_, before]) = &tests.depth {
             values(before, pixels, &mut self.depth);
+            let depths = &mut self.depth[..pixels.len()];
+            depths.iter_mut().for_each(|depth| *depth = placed(*depth));
         }
         if let Some([_, before]) = &tests.color {
             let axes = self.normal.axes.each_mut().map(Beside::as_mut_slice);
@@ -452,13 +454,10 @@ impl<'a> Tests<'a> {
         if let Some([now, _]) = self.depth {
             let depths = &mut expected.depth[..len];
             now.load(run, 0, depths);
-            let known = |depth: f32| if depth > 0.0 { depth } else { f32::NAN };
-            match motion.depth {
-                None => depths.iter_mut().for_each(|depth| *depth = known(*depth)),
-                Some(change) => {
-                    for (depth, change) in depths.iter_mut().zip(change) {
-                        *depth = known(*depth) + change;
-                    }
+            depths.iter_mut().for_each(|depth| *depth = placed(*depth));
+            if let Some(change) = motion.depth {
+                for (depth, change) in depths.iter_mut().zip(change) {
+                    *depth += change;
                 }
             }
         }
@@ -692,7 +691,7 @@ impl<'a> Tests<'a> {
             trust *= self.turn.trust(turn, lengths);
         }
         if let Some([_, before]) = self.depth {
-            let (own, depth) = (expected.depth[i], before.at(at, 0));
+            let (own, depth) = (expected.depth[i], placed(before.at(at, 0)));
             trust *= match (self.rays, self.normal) {
                 (Some(rays), Some(before)) => {
                     let from = expected.point.each_ref().map(|lane| lane[i]);
@@ -770,7 +769,17 @@ fn bit(trust: f32, bit: u8) -> u32 {
     if trust > 0.0 { 0 } else { u32::from(bit) }
 }
 
-/// The trust between two depths: background matches background alone, NaN and non-positive depths match nothing.
+/// A depth; infinite for background.
+#[inline(always)]
+fn placed(depth: f32) -> f32 {
+    if is_background(depth) {
+        f32::INFINITY
+    } else {
+        depth
+    }
+}
+
+/// The trust between two depths: background matches background alone, NaN and what is expected behind the camera nothing.
 #[inline(always)]
 fn surface_trust(expected: f32, depth: f32, trust: f32) -> f32 {
     let background = (expected == f32::INFINITY) | (depth == f32::INFINITY);

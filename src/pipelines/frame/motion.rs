@@ -7,7 +7,7 @@ use crate::image::{BandMut, Image, Pixels, SEGMENT, Size, segments};
 use crate::kernels::camera::depth_change::depth_change;
 use crate::kernels::camera::motion::{Geometry, Transforms, is_still, motion_vectors};
 use crate::kernels::camera::pinhole::Camera;
-use crate::math::is_present;
+use crate::math::{is_background, is_present};
 use crate::pixels::{MotionLanes, MotionRun};
 use crate::rows::{self, Kernel, Simd};
 
@@ -100,7 +100,7 @@ fn may_be_unknown([x, y]: [f32; 2]) -> bool {
 #[inline(always)]
 fn is_unknown([x, y]: [f32; 2], geometry: Geometry, pixel: usize) -> bool {
     let missed = || match geometry {
-        Geometry::Depth(depth) => depth.at(pixel, 0) == f32::INFINITY,
+        Geometry::Depth(depth) => is_background(depth.at(pixel, 0)),
         Geometry::Position(position) => !is_present(position.vector(pixel)),
     };
     may_be_unknown([x, y]) && ((x != 0.0) | (y != 0.0) || missed())
