@@ -106,18 +106,14 @@ def is_unguided(frame) -> bool:
 
 def for_frame(settings: dict, frame) -> dict:
     """The settings for a frame, which may lack all that tells surfaces apart."""
-    least, brighter = settings["unguided_alpha"], 1.0
+    least = settings["unguided_alpha"]
     guided = settings["guided_exposure"]
     if not is_unguided(frame):
         return {**settings, "weighting": "local-tone", "brighter": guided} if guided > 0 else settings
-    if least == 0:
+    if least == 0 or (frame.depth is not None and is_thin(torch.as_tensor(frame.depth))):
         return settings
-    if frame.depth is not None:
-        if is_thin(torch.as_tensor(frame.depth)):
-            return settings
-        least, brighter = float(torch.tensor(0.8) * torch.tensor(least)), 4.0  # as the kernel rounds it
     shares = {name: max(settings[name], least) for name in ("alpha", "fast_alpha")}
-    return {**settings, **shares, "weighting": "tone", "brighter": brighter}
+    return {**settings, **shares, "weighting": "tone", "brighter": 1.0}
 
 
 def is_thin(depth: Tensor) -> bool:

@@ -33,12 +33,11 @@ use crate::pipelines::taa;
 /// speed : float or (float, float), optional
 ///     Pixels up to which motion is slow, and from which it is fast.
 /// unguided_alpha : float, optional
-///     Smallest weight of the new sample, slow or fast, in frames without albedo, depth, normals and ids, 0 to 1. Above
-///     0, these frames are blended with `weighting` "tone". A denoiser without guides blurs edges and texture along
-///     with the noise, and what history then adds is mostly more blur. Frames of which depth is the only guide get 0.8
-///     times as much, and are blended by tone at four times the exposure, unless more than an eighth of the pairs of
-///     neighbours along x and y differ in depth by more than a tenth of the smaller one: what is thinner than a pixel
-///     needs its history. By default 0 in all presets.
+///     Smallest weight of the new sample, slow or fast, in frames without albedo, normals and ids, 0 to 1. Above 0,
+///     these frames are blended with `weighting` "tone". A denoiser without guides blurs edges and texture along with
+///     the noise, and what history then adds is mostly more blur. Frames are left out of which more than an eighth of
+///     the pairs of neighbours along x and y differ in depth by more than a tenth of the smaller one: what is thinner
+///     than a pixel needs its history. By default 0 in all presets.
 /// guided_exposure : float, optional
 ///     Frames with albedo, normals or ids are blended with `weighting` "local-tone" at so many times the exposure, from
 ///     0; with 0, as `weighting` says. What a denoiser lets leak from a lamp into the dark then fades faster, and what

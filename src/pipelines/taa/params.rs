@@ -32,9 +32,8 @@ pub struct Params {
     pub clip: neighborhood::Params,
     /// Least blend factor of the new sample.
     pub blend_factor: blend_factor::Params,
-    /// Least share of the new colour in frames without albedo, depth, normals and ids; from 0 to 1. Above 0, these
-    /// frames are also weighted by the tone curve. Frames whose only guide is depth get four fifths of the share, and the
-    /// tone curve of four times the exposure; neither if their depth shows geometry that is thinner than a pixel.
+    /// Least share of the new colour in frames without albedo, normals and ids; from 0 to 1. Above 0, these frames are also
+    /// weighted by the tone curve. Frames whose depth shows geometry that is thinner than a pixel are not among them.
     pub unguided_alpha: f32,
     /// Frames with albedo, normals or ids are weighted by local tone at so many times the exposure; 0: as others are.
     pub guided_exposure: f32,
@@ -301,12 +300,11 @@ impl Params {
 
     /// With the share and the weights that a frame's guides ask for.
     pub(super) fn of(mut self, frame: &Frame) -> Self {
-        let share = self.unguided_alpha;
+        let least = self.unguided_alpha;
+        let unguided = (least, Weighting::Tone, 1.0);
         let (least, weighting, brighter) = match frame.guides() {
-            Guides::None if share > 0.0 => (share, Weighting::Tone, 1.0),
-            Guides::Depth(depth) if share > 0.0 && !is_thin(depth) => {
-                (0.8 * share, Weighting::Tone, 4.0)
-            }
+            Guides::None if least > 0.0 => unguided,
+            Guides::Depth(depth) if least > 0.0 && !is_thin(depth) => unguided,
             Guides::More if self.guided_exposure > 0.0 => {
                 (0.0, Weighting::LocalTone, self.guided_exposure)
             }
