@@ -296,22 +296,23 @@ def methods_through_doors(folder: Path) -> str:
 
 def _harmful(
     values: Mapping[str, Mapping[str, list[dict[str, float]]]],
-) -> Iterator[tuple[str, str, str, dict[str, float]]]:
-    """Where one more buffer harms, beyond limits and two standard errors: poorer and richer door, sequence, losses."""
+) -> Iterator[tuple[str, str, str, dict[str, float], bool]]:
+    """Where one more buffer harms beyond limits and errors: poorer and richer door, sequence, losses, if made good."""
     for door in DOORS:
         for richer in door.richer:
             for scene, poor in values.get(door.name, {}).items():
                 gained = harm.sure(*harm.mean_gains(values[richer][scene], poor))
                 if bad := harm.harms(gained):
-                    yield door.name, richer, scene, {key: gained[key] for key in bad}
+                    made_good = not harm.harms(gained, excused=True)
+                    yield door.name, richer, scene, {key: gained[key] for key in bad}, made_good
 
 
 def harmful_buffers(folder: Path) -> str:
     """Where SVGF is better through a door than with one more buffer."""
     cases: dict[tuple[str, str], list[str]] = {}
-    for poorer, richer, scene, lost in _harmful(_through_doors(folder)["SVGF"]):
+    for poorer, richer, scene, lost, made_good in _harmful(_through_doors(folder)["SVGF"]):
         losses = ", ".join(f"{key} {harm.amount(key, loss)}" for key, loss in lost.items())
-        cases.setdefault((poorer, richer), []).append(f"`{scene}` ({losses})")
+        cases.setdefault((poorer, richer), []).append(f"`{scene}` ({losses}{', made good' if made_good else ''})")
     return _table(["better", "than", "sequences"], [[*pair, "; ".join(found)] for pair, found in cases.items()])
 
 
