@@ -887,8 +887,6 @@ class SVGF:
             return SimpleNamespace(**known, confidence=confidence, rejection=rejection, motion=seen[..., :2])
         if self.antialias:
             final = self.finish(self.stage, final, frame, seen, still, confidence)
-        if later is not None:
-            confidence, rejection = np.maximum(confidence, later.confidence), rejection & later.rejection
         if averages:
             final, _ = self.settle(blacken(final), frame, motion)
         return SimpleNamespace(

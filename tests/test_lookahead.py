@@ -92,10 +92,19 @@ def averaged(given: list[Frame], pipeline) -> list:
 def joined(given: list[Frame], forward, back) -> list:
     """For pipelines without output stage: each frame joined with the history of the later ones."""
     *later, _ = backwards(given, back.recall)
-    outputs = [forward.step(frame, later=other) for frame, other in zip(given, [*later, None], strict=True)]
-    for output, other in zip(outputs, [*later, None], strict=True):
-        output.motion_next = None if other is None else other.motion
-    return outputs
+    return [join(forward, frame, other) for frame, other in zip(given, [*later, None], strict=True)]
+
+
+def join(forward, frame: Frame, other):
+    """One frame of these, with the confidence of each side and what is known of both."""
+    output = forward.step(frame, later=other)
+    output.motion_next = None if other is None else other.motion
+    output.earlier = output.later = output.confidence
+    if other is not None:
+        output.later = other.confidence
+        output.confidence = np.maximum(output.confidence, other.confidence)
+        output.rejection = output.rejection & other.rejection
+    return output
 
 
 def forward(output, frame: Frame):
@@ -103,11 +112,11 @@ def forward(output, frame: Frame):
     return frame.motion if output.motion is None else output.motion
 
 
-def finish(stage: yester.TAA, output, frame: Frame, motion):
-    """The output stage on a denoised frame."""
+def finish(stage: yester.TAA, output, frame: Frame, motion, confidence=None):
+    """The output stage on a denoised frame, with the confidence of the side from which it runs."""
     kept = "depth", "position", "normal", "ids", "albedo", "emission", "camera", "jitter"
     places = {name: getattr(frame, name) for name in kept}
-    known = {"samples": frame.color, "confidence": output.confidence}
+    known = {"samples": frame.color, "confidence": output.confidence if confidence is None else confidence}
     return stage.step(Frame(output.color, motion=motion, **places), **known)
 
 
@@ -181,9 +190,18 @@ def test_histories_join_before_the_filter(name):
         finished = [
             average(one, other, frame.color)
             for one, other, frame in zip(
-                [finish(stage, *each, forward(*each)) for each in zip(want, given, strict=True)],
                 [
-                    finish(back, output, frame, frame.motion if output.motion_next is None else output.motion_next)
+                    finish(stage, output, frame, forward(output, frame), output.earlier)
+                    for output, frame in zip(want, given, strict=True)
+                ],
+                [
+                    finish(
+                        back,
+                        output,
+                        frame,
+                        frame.motion if output.motion_next is None else output.motion_next,
+                        output.later,
+                    )
                     for output, frame in zip(want[::-1], turned(given), strict=True)
                 ][::-1],
                 given,
@@ -290,7 +308,7 @@ def test_chunks_begin_behind_their_end():
         back, window = composed.SVGF(**named), given[first : first + 6]
         *later, _ = backwards(window, back.recall)
         chunk = zip(window[:5], [*later, None], strict=False)
-        want += [forward.step(frame, later=other) for frame, other in chunk]
+        want += [join(forward, *each) for each in chunk]
     for got, its in zip(yester.denoise(given, yester.SVGF(**named), 1), want, strict=True):
         same(got, its)
 

@@ -174,7 +174,7 @@ def _joining(frames: Iterator[Frame], pipeline: _Recalls, lookahead: int) -> Ite
     denoiser, stage = pipeline.split(both_sides=not _alone(first))
     joined = _joined(chain([first], frames), denoiser, lookahead)
     if stage is None:
-        yield from (output for _, output, _ in joined)
+        yield from (_of_both(output, later) for _, output, later in joined)
     else:
         yield from _finished(joined, stage, lookahead, averages=_averages_still(pipeline))
 
@@ -287,17 +287,25 @@ def _backwards(
 def _joined(
     frames: Iterator[Frame], pipeline: _Recalls, lookahead: int
 ) -> Iterator[tuple[Frame, Output, History | None]]:
-    """Yield each frame, its output with the histories of both sides joined, and the later frames' history."""
+    """Yield each frame, its output with the histories of both sides joined, and the later frames' history.
+
+    Confidence, rejection and names of buffers of the output are those of the earlier frames.
+    """
     for window, ready in _chunks(frames, lookahead, _alone):
         histories = _backwards(window, pipeline, lambda back, frame, _: _quiet(back.recall, frame))
         del histories[: len(window) - ready]
         for frame in window[:ready]:
             later = histories.pop()
-            output = pipeline.step(frame, later=later)
-            if later is not None and later.confidence.any():
-                parts, named = output.__getnewargs_ex__()
-                output = Output(*parts, **named | {"used": _both(output.used, later.used)})
-            yield frame, output, later
+            yield frame, pipeline.step(frame, later=later), later
+
+
+def _of_both(output: Output, later: History | None) -> Output:
+    """An output of joined histories with what is known of both sides: higher confidence, tests that failed on both."""
+    if later is None or not later.confidence.any():
+        return output
+    (color, length, confidence, rejection), named = output.__getnewargs_ex__()
+    joined = np.maximum(confidence, later.confidence), rejection & later.rejection
+    return Output(color, length, *joined, **named | {"used": _both(output.used, later.used)})
 
 
 def _averaged(frames: Iterator[Frame], pipeline: _Steps, lookahead: int) -> Iterator[Output]:
@@ -316,8 +324,12 @@ class _Denoised(NamedTuple):
     #: With the denoised colour.
     frame: Frame
     samples: NDArray[np.float32]
-    #: Of the denoiser.
+    #: Of the denoiser, with what is known of both sides.
     output: Output
+    #: Confidence in the history of the earlier frames, and in that of the later ones. A stage runs from one side, and
+    #: shortens its history where the denoiser found none there: what an object uncovers, the other side knows.
+    earlier: NDArray[np.float32]
+    later: NDArray[np.float32]
     #: Whether a cut comes before it, and after it.
     begins: bool
     ends: bool
@@ -347,24 +359,26 @@ def _finished(
             # A frame with replay is not averaged.
             still = averages and before is not None and frame.replay is None and rests(before, frame)
             before, rested = frame, rested + 1 if still else 0
-            begins, ends = ends, later is not None and later.confidence.mean() < _LOST * output.confidence.mean()
+            earlier, output = output.confidence, _of_both(output, later)
+            known = earlier if later is None else later.confidence
+            begins, ends = ends, known.mean() < _LOST * output.confidence.mean()
             # The noise of a mean lasts: a frame's samples would take it for detail.
             samples = frame.color if rested < _SETTLED else np.broadcast_to(np.float32(np.nan), frame.color.shape)
             settled = min(max(rested - _SETTLED, 0) / _FADE, 1.0)
             shown = Frame(output.color, **places, camera=frame.camera)
-            yield _Denoised(shown, samples, output, begins, ends, settled)
+            yield _Denoised(shown, samples, output, earlier, known, begins, ends, settled)
 
     def look(window: list[_Denoised], back: _Stage, frame: Frame, number: int) -> Output:
-        _, samples, output, _, ends, _ = window[number]
-        return _quiet(back.step, frame, samples=samples, confidence=_unless(ends, output.confidence))
+        item = window[number]
+        return _quiet(back.step, frame, samples=item.samples, confidence=_unless(item.ends, item.later))
 
     done = 0
     for window, ready in _chunks(denoised(), lookahead, lambda item: _alone(item.frame)):
         results = _backwards([item.frame for item in window], stage, partial(look, window))
         del results[: len(window) - ready]
-        for frame, samples, output, begins, _, settled in window[:ready]:
+        for frame, samples, output, earlier, _, begins, _, settled in window[:ready]:
             # Pipelines check motion at their second frame. There, the denoiser has already warned.
-            given = {"samples": samples, "confidence": _unless(begins, output.confidence)}
+            given = {"samples": samples, "confidence": _unless(begins, earlier)}
             finished = _quiet(stage.step, frame, **given) if done == 1 else stage.step(frame, **given)
             done += 1
             backward = results.pop()
@@ -386,7 +400,7 @@ def _finished(
 
 
 def _unless(cut: bool, confidence: NDArray[np.float32]) -> NDArray[np.float32]:
-    """The confidence of both sides for a stage that runs from one side; 0 if a cut is there."""
+    """The confidence of a side for the stage that runs from there; 0 if a cut is there."""
     return np.zeros_like(confidence) if cut else confidence
 
 

@@ -22,7 +22,7 @@ use self::finish::finish;
 use self::merge::{Merged, merge, merge_at_once};
 pub use self::params::{ANTIALIASED, Params};
 use self::passes::{choose, filter};
-use self::sides::{Joined, expect, join, join_reports};
+use self::sides::{Joined, expect, join};
 use self::still::Still;
 use super::frame::{
     Expectation, Extras, Frame, History, HistoryMut, Mistake, Motion, Output, Steps, Summary,
@@ -343,16 +343,16 @@ fn run(
             missing,
         };
     }
-    let (joined, later, mut shown, moved) = match task {
+    let (joined, mut shown, moved) = match task {
         Task::Show(mut shown, later) => {
             let joined = join(&now, recalled.as_ref(), &history, later, &mut reports);
             let moved = shown.motion.take();
-            (joined, later, Some(shown), moved)
+            (joined, Some(shown), moved)
         }
         Task::Recall(into) => {
             let history = [into.color, into.moments, into.length];
             expect(recalled.as_ref(), now.size(), history);
-            (Joined::default(), None, None, Some(into.motion))
+            (Joined::default(), None, Some(into.motion))
         }
     };
     let (mut won, incoherent) = match recalled {
@@ -399,10 +399,6 @@ fn run(
         View::new(now.size(), 1, reports.confidence),
         shown.as_mut(),
     );
-    // Only now: the output stage has history of earlier frames alone.
-    if let Some(later) = later {
-        join_reports(later, &mut reports);
-    }
     if let Some((still, shown)) = still.as_mut().zip(shown) {
         still.show(&now, shown.color);
     }

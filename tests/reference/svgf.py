@@ -219,9 +219,6 @@ class SVGF:
             smooth = remodulate(smooth, **texture_of(frame), emission=emission)  # (H, W, 3)
         if self.antialias:
             smooth = self.finish(self.stage, smooth, frame, motion, still, confidence)  # (H, W, 3)
-        if later is not None:
-            confidence = confidence.maximum(later.confidence)  # (H, W)
-            rejection = rejection & later.rejection.to(rejection)  # (H, W)
         smooth = smooth.where(smooth.isfinite(), 0)  # (H, W, 3)
         return Output(smooth, smooth_variance, length, confidence, rejection, missing, chosen)
 

@@ -424,8 +424,6 @@ pub(super) struct HistoryArgs<'py> {
     color: Input<'py>,
     moments: Input<'py>,
     length: Input<'py>,
-    confidence: Input<'py>,
-    rejection: Input<'py, u8>,
 }
 
 impl<'py> HistoryArgs<'py> {
@@ -438,8 +436,6 @@ impl<'py> HistoryArgs<'py> {
             color: input(&history.color, COLOR)?,
             moments: input(&history.moments, MOMENTS)?,
             length: input(&history.history_length, Channels::One)?,
-            confidence: input(&history.confidence, Channels::One)?,
-            rejection: Input::of_size(history.rejection.bind(py), "later", Channels::One, size)?,
         })
     }
 
@@ -448,8 +444,6 @@ impl<'py> HistoryArgs<'py> {
             color: self.color.pixels(),
             moments: self.moments.pixels(),
             length: self.length.pixels(),
-            confidence: self.confidence.pixels().plane(),
-            rejection: self.rejection.pixels().plane(),
         }
     }
 }

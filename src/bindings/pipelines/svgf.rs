@@ -280,6 +280,7 @@ impl SVGF {
     /// later : History, optional
     ///     What later frames know of this frame's pixels: `recall` of a pipeline that runs backwards. It joins the
     ///     history before the filter, and the sample counts once. What goes on to the next frame is without it.
+    ///     Confidence and rejection of the output are those of earlier frames; `later` has its own.
     ///
     /// Returns
     /// -------

@@ -150,10 +150,6 @@ pub struct History<'a> {
     pub moments: Pixels<'a>,
     /// How many samples each pixel counts for.
     pub length: Pixels<'a>,
-    /// As [`Output::confidence`].
-    pub confidence: View<'a>,
-    /// As [`Output::rejection`].
-    pub rejection: View<'a, u8>,
 }
 
 impl History<'_> {
@@ -162,12 +158,9 @@ impl History<'_> {
             ("color", self.color, 3..=3),
             ("moments", self.moments, 2..=2),
             ("length", self.length, 1..=1),
-            ("confidence", self.confidence.into(), 1..=1),
         ];
         let shapes = images.map(|(name, image, wanted)| (name, image.size, image.channels, wanted));
-        let (own, channels) = (self.rejection.size, self.rejection.channels);
-        let rejection = ("rejection", own, channels, 1..=1);
-        check_shapes(size, shapes.into_iter().chain([rejection]))
+        check_shapes(size, shapes)
     }
 
     /// Loads a run of colour, moments and length.

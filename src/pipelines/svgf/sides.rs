@@ -84,33 +84,6 @@ pub fn join(
     }
 }
 
-/// Joins the reports: the higher confidence, and the tests that failed on both sides.
-pub fn join_reports(later: &History, reports: &mut Reports) {
-    let size = later.confidence.size();
-    let outs = plane_bands(reports.confidence, size).zip(plane_bands(reports.rejection, size));
-    rows::run(later, size.height, outs);
-}
-
-impl<'a> Kernel for History<'a> {
-    type Out = (BandMut<'a>, BandMut<'a, u8>);
-
-    #[inline(always)]
-    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, (mut confidence, mut rejection): Self::Out) {
-        for y in rows {
-            for (own, &other) in confidence
-                .row(0, y)
-                .iter_mut()
-                .zip(self.confidence.row(0, y))
-            {
-                *own = larger(*own, other);
-            }
-            for (own, &other) in rejection.row(0, y).iter_mut().zip(self.rejection.row(0, y)) {
-                *own &= other;
-            }
-        }
-    }
-}
-
 /// Writes what history expects of a frame, shortened where the light has changed.
 pub fn expect(recalled: Option<&Recalled>, size: Size, [color, moments, length]: [&mut [f32]; 3]) {
     let recalled = recalled.expect("history is recalled as an image");
