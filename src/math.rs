@@ -93,6 +93,12 @@ pub fn is_background(depth: f32) -> bool {
     (depth == f32::INFINITY) | (depth <= 0.0)
 }
 
+/// Whether a depth is that of a surface: neither background nor unknown.
+#[inline(always)]
+pub fn is_surface(depth: f32) -> bool {
+    (depth > 0.0) & (depth < f32::INFINITY)
+}
+
 /// The minimum; `b` where either is NaN. One instruction on every CPU, unlike `f32::min`, which tests for NaN.
 #[inline(always)]
 pub fn smaller(a: f32, b: f32) -> f32 {

@@ -13,7 +13,7 @@
 //! Inputs: depth (1), previous depth (1), motion (2). Output: a number.
 
 use crate::image::{Pixels, Size};
-use crate::math::is_background;
+use crate::math::is_surface;
 
 /// From one pixel that is looked at to the next, along x and y.
 const STEP: usize = 8;
@@ -55,8 +55,7 @@ fn pairs(depth: Pixels, previous: Pixels, motion: Pixels) -> Vec<[f32; 2]> {
             let there = inside(column, width) && inside(row, height);
             let before = there.then(|| previous.at(row as usize * width + column as usize, 0))?;
             let now = depth.at(pixel, 0);
-            let placed = |depth: f32| depth.is_finite() && !is_background(depth);
-            (placed(now) && placed(before)).then_some([now, before])
+            (is_surface(now) && is_surface(before)).then_some([now, before])
         })
         .collect()
 }

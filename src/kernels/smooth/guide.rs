@@ -24,7 +24,7 @@ use crate::error::{Result, finite_from_0, in_range};
 use crate::image::{Pixels, Run, Size};
 use crate::kernels::fetch::validate::Surface;
 use crate::lanes::{Classes, Lanes, Taps};
-use crate::math::{LOG2_E, is_present, smaller};
+use crate::math::{LOG2_E, is_present, is_surface, smaller};
 use crate::rows::{self, Kernel, Simd};
 use crate::tiles::Tiles;
 
@@ -283,12 +283,6 @@ impl Comparison<'_> {
         }
         exponents
     }
-}
-
-/// Whether a depth belongs to a surface rather than to the background.
-#[inline(always)]
-fn is_surface(z: f32) -> bool {
-    (z > 0.0) & (z < f32::INFINITY)
 }
 
 struct Fill<'a> {

@@ -12,9 +12,9 @@
 //! being held down by itself. What new samples differ from the output by counts by the same weight when they correct it:
 //! a lamp is far above a fit in which it weighs little, and its glow would come back through the blocks of the innovation.
 //!
-//! Of what a dark surface sends out, highlights and emission that is not told are divided by its small albedo like its
-//! diffuse light, and outshine what the surfaces around reflect. Surfaces count as the error of their colour does, with
-//! (d / 0.15)² where what their light was divided by, d = 1 / luminance(1 / albedo), is less than 0.15: without emission,
+//! Highlights of a dark surface, and emission that no buffer tells, are divided by its small albedo although they do not
+//! scale with it, and then outshine the light of the surfaces around. Where demodulation divides by d < 0.15, with 1/d the
+//! luminance of 1/albedo, a pixel therefore weighs (d / 0.15)²: squared errors count as they do in colour. Without emission,
 //! signs and screens on dark surfaces gain 2 to 4 dB (`neon_corridor`, `television`), and `black_plastic` gains 0.5 dB.
 //!
 //! The output is the fit plus the detail by which the accumulated light differs from it beyond noise

@@ -22,7 +22,7 @@ use crate::image::{
 use crate::kernels::fetch::footprint::Filter;
 use crate::kernels::fetch::reproject::{self, Fetch, Fetched};
 use crate::kernels::judge::innovation::{self, Innovation, Prediction, corrected, innovation};
-use crate::math::{is_background, is_present, larger, luminance, smaller};
+use crate::math::{is_present, is_surface, larger, luminance, smaller};
 use crate::pipelines::frame::Frame;
 use crate::pixels::{Colors, MotionLanes, Rolling, Row};
 use crate::rows::{self, Kernel, Simd};
@@ -244,8 +244,7 @@ impl Unlike<'_> {
         if let Some(depth) = &self.depth {
             depth.load(run, 0, row);
             for (mark, depth) in marks.iter_mut().zip(&*row) {
-                let surface = depth.is_finite() & !is_background(*depth);
-                *mark = if surface { *mark } else { 1.0 };
+                *mark = if is_surface(*depth) { *mark } else { 1.0 };
             }
         }
     }
