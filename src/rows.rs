@@ -11,6 +11,7 @@
 
 use std::ops::Range;
 use std::sync::OnceLock;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use pulp::WithSimd;
 pub use pulp::{NullaryFnOnce as Outlined, Simd};
@@ -51,9 +52,33 @@ pub fn run<K: Kernel>(kernel: &K, height: usize, outs: impl Iterator<Item = K::O
 pub fn run_jobs<K: Kernel>(kernel: &K, jobs: Vec<Job<K::Out>>) {
     let level = Settings::get().level;
     let call = |(rows, out)| level.call(Call { kernel, rows, out });
-    match pool() {
-        Some(pool) if jobs.len() > 1 => pool.install(|| jobs.into_par_iter().for_each(call)),
+    match pool().and_then(|pool| pool.threads.as_ref()) {
+        Some(threads) if jobs.len() > 1 => {
+            threads.install(|| jobs.into_par_iter().for_each(call));
+        }
         _ => jobs.into_iter().for_each(call),
+    }
+}
+
+/// Runs work that calls many kernels on a thread of the pool. From any other thread, each call would wake the pool and wait to
+/// be woken: of small images, a fifth of the time. Only one such work has the pool at a time, and others run on the thread
+/// that calls: a pool's thread that waits takes up what else is due, and many works within each other would exhaust its stack.
+pub fn together<R: Send>(work: impl FnOnce() -> R + Send) -> R {
+    struct Leave<'a>(&'a AtomicBool);
+    impl Drop for Leave<'_> {
+        fn drop(&mut self) {
+            self.0.store(false, Ordering::Release);
+        }
+    }
+    let Some(Pool { threads, taken, .. }) = pool() else {
+        return work();
+    };
+    match threads {
+        Some(threads) if !taken.swap(true, Ordering::Acquire) => {
+            let _leave = Leave(taken);
+            threads.install(work)
+        }
+        _ => work(),
     }
 }
 
@@ -271,7 +296,9 @@ fn variable(name: &str) -> Option<String> {
 struct Pool {
     process: u32,
     /// `None` if the system could start no threads: the caller's thread then does all the work.
-    pool: Option<rayon::ThreadPool>,
+    threads: Option<rayon::ThreadPool>,
+    /// Whether [`together`] runs in it.
+    taken: AtomicBool,
     next: OnceLock<Box<Pool>>,
 }
 
@@ -279,7 +306,7 @@ struct Pool {
 /// the usual 2 MB.
 const STACK: usize = 8 << 20;
 
-fn pool() -> Option<&'static rayon::ThreadPool> {
+fn pool() -> Option<&'static Pool> {
     static FIRST: OnceLock<Box<Pool>> = OnceLock::new();
     let threads = Settings::get().threads;
     if threads == 1 {
@@ -289,19 +316,20 @@ fn pool() -> Option<&'static rayon::ThreadPool> {
     let mut slot = &FIRST;
     loop {
         let entry = slot.get_or_init(|| {
-            let pool = rayon::ThreadPoolBuilder::new()
+            let threads = rayon::ThreadPoolBuilder::new()
                 .num_threads(threads)
                 .thread_name(|i| format!("yester-{i}"))
                 .stack_size(STACK)
                 .build();
             Box::new(Pool {
                 process,
-                pool: pool.ok(),
+                threads: threads.ok(),
+                taken: AtomicBool::new(false),
                 next: OnceLock::new(),
             })
         });
         if entry.process == process {
-            return entry.pool.as_ref();
+            return Some(entry);
         }
         slot = &entry.next;
     }
@@ -315,6 +343,32 @@ mod tests {
     fn bands_cover_every_row_once() {
         for height in 0..100 {
             assert!(bands(height).flatten().eq(0..height));
+        }
+    }
+
+    #[test]
+    fn works_of_several_threads_and_of_one_within_another_are_done() {
+        let within = || together(|| together(|| 1));
+        std::thread::scope(|scope| {
+            let works: Vec<_> = (0..32).map(|_| scope.spawn(within)).collect();
+            let done = works.into_iter().map(|work| work.join().unwrap());
+            assert_eq!(done.sum::<i32>(), 32);
+        });
+    }
+
+    #[test]
+    fn after_a_panic_the_pool_is_free() {
+        let panics = || together(|| -> () { std::panic::resume_unwind(Box::new("in a pass")) });
+        let payload = std::panic::catch_unwind(panics).unwrap_err();
+        assert_eq!(*payload.downcast::<&str>().unwrap(), "in a pass");
+        if let Some(pool) = pool() {
+            // Tests of other threads may take the pool, but not for long.
+            let free = || !pool.taken.load(Ordering::Acquire);
+            let wait = || std::thread::sleep(std::time::Duration::from_millis(1));
+            assert!((0..10_000).any(|_| free() || {
+                wait();
+                false
+            }));
         }
     }
 

@@ -69,7 +69,7 @@ def test_two_runs_into_one_folder(tmp_path):
         each.prepare(resume=False, overwrite=False)
     read = other.process(lambda frames, _: ((frame, ()) for frame in frames))
     next(read)
-    with pytest.raises(FileExistsError, match=r"out/0\.exr: another run has written it meanwhile"):
+    with pytest.raises(FileExistsError, match=r"out/0\.exr: another run wrote this file while this one was running"):
         next(one.process(lambda frames, _: ((frame, ()) for frame in frames)))
     assert len([*read]) == 2
 

@@ -117,7 +117,7 @@ class Batch:
                     self._odd.clipped.append(path)
                 like = plate or read_plate(path, **self._reading)
                 if target not in self._found and os.path.lexists(target):
-                    raise FileExistsError(f"{target}: another run has written it meanwhile, into the same folder")
+                    raise FileExistsError(f"{target}: another run wrote this file while this one was running")
                 with _compared(target) if index in self._there else nullcontext(target) as at:
                     write_exr(at, frame, half=half, compression=compression, like=like)
                 yield target
@@ -208,7 +208,7 @@ def _there(targets: list[Path]) -> tuple[set[int], list[str]]:
 
 @contextmanager
 def _compared(target: Path) -> Iterator[Path]:
-    """Where to write a file once more that is there; raises if it is another one: then its run was another one."""
+    """A temporary path for writing a file again; raises if the result differs, as then another run wrote the file."""
     with tempfile.TemporaryDirectory() as folder:
         again = Path(folder) / target.name
         yield again

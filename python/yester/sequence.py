@@ -169,8 +169,8 @@ def _joining(frames: Iterator[Frame], pipeline: _Recalls, lookahead: int) -> Ite
     first = next(frames, None)
     if first is None:
         return
-    # Frames that no motion connects are denoised by the earlier ones alone. The first tells for all: a stage has one
-    # history, and its parameters stay.
+    # Frames without motion are denoised by the earlier ones alone. The first frame decides for all, as the parameters
+    # of a stage stay the same.
     denoiser, stage = pipeline.split(both_sides=not _alone(first))
     joined = _joined(chain([first], frames), denoiser, lookahead)
     if stage is None:

@@ -18,7 +18,7 @@ use crate::image::{Interleaved, Pixels, Size, check_shapes};
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::fetch::validate::Surface;
 use crate::memory::Scratch;
-use crate::rows::Settings;
+use crate::rows::{self, Settings};
 
 /// One frame's buffers: its colour, and what else the renderer knows of it. All have one size.
 #[derive(Clone, Copy, Debug)]
@@ -206,7 +206,7 @@ pub struct Upkeep {
 }
 
 /// What a [`Pipeline`] is made of, within the crate: other crates cannot leave out the checks.
-pub trait Steps: Sized {
+pub trait Steps: Sized + Send {
     fn upkeep(&mut self) -> &mut Upkeep;
 
     /// Drops the history.
@@ -235,13 +235,14 @@ pub trait Steps: Sized {
     fn checked(
         &mut self,
         frame: &Frame,
-        next: impl FnOnce(&mut Self, &Frame) -> Result<Summary>,
+        next: impl FnOnce(&mut Self, &Frame) -> Result<Summary> + Send,
     ) -> Result<(Summary, Option<Mistake>)> {
         Settings::from_environment()?;
         let frame = &frame.checked()?;
         // Images are in memory that earlier frames freed.
         let mut upkeep = std::mem::take(self.upkeep());
-        let next = AssertUnwindSafe(|| upkeep.scratch.install(|| next(self, frame)));
+        let next = || upkeep.scratch.install(|| next(self, frame));
+        let next = AssertUnwindSafe(|| rows::together(next));
         let summary = catch_unwind(next).unwrap_or_else(|panic| {
             self.start_anew();
             resume_unwind(panic)

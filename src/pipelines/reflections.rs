@@ -47,8 +47,8 @@ const NONE: u32 = u32::MAX;
 /// What a pixel's average standardized gain must be below for its candidate to be evaluated in the next frame, too. Chance
 /// alone does that to one pixel in a hundred.
 const BEYOND_DOUBT: f32 = -1.0;
-/// Every row of tiles evaluates all candidates in [`TRIED`] of so many frames, in succession, as a running average that begins
-/// at 0 tells little after one.
+/// Every row of tiles evaluates all candidates in [`TRIED`] successive frames of so many: after one, the running average, which
+/// begins at 0, is still too small to decide.
 const PERIOD: usize = 16;
 const TRIED: usize = 2;
 /// Candidates are evaluated in one of so many rows.

@@ -85,7 +85,7 @@ def _checked(options: argparse.Namespace) -> int:
     known = describe(chosen[-1], **reading)
     guesses = [] if "motion" in known.channels else _like_motion(known)
     looks = [_looked(chosen, reading, guess) for guess in guesses] or [_looked(chosen, reading)]
-    # What is told by the best guess of motion is printed; of the others, what they are.
+    # All findings with the best guess of motion are printed, and of the other guesses those on motion.
     best = min(range(len(looks)), key=lambda i: _unlike_motion(looks[i][1]))
     for i, guess in sorted(enumerate(guesses), key=lambda each: each[0] == best):
         print(f"tried: motion={','.join(guess)}")

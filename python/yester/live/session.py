@@ -337,7 +337,7 @@ class Session:
         done = time.perf_counter()
         self._samples.add(frame.color, (got.shot, self._cuts))
         wanted = self._wanted()
-        # Those at which nobody looks any more end here.
+        # Pipelines without a viewer end here.
         self._extras = {name: self._extras[name] for name in self._extras.keys() & wanted}
         extra = {name: self._beside(name, frame) for name in wanted}
         moment = Moment(frame, output, self._samples.mean(), extra)

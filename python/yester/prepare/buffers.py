@@ -148,7 +148,7 @@ def _carried(frame: Frame, before: Frame | None, known: Any, motion: NDArray[np.
         mean, moments, length, validity = (np.zeros((*frame.shape, *c), np.float32) for c in ((3,), (2,), (), ()))
         difference = np.zeros_like(mean)
     else:
-        # A missing sample is what the frames before it say.
+        # Missing samples are filled from history.
         former = np.where(np.isfinite(before.color).all(-1, keepdims=True), before.color, known.color)
         images = [known.color, known.moments, known.history_length, former]
         (mean, moments, length, former), validity = reproject(images, motion, **surface_tests(before, frame, motion))

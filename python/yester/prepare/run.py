@@ -634,7 +634,7 @@ def _work(task: _Task, told: Callable[[], object] = lambda: None) -> _Done:
         warned = _fill(task, temporary, told)
         target.parent.mkdir(parents=True, exist_ok=True)
         if (target / MANIFEST).is_file() and not _finished(task):
-            # Made of other inputs, or damaged. Whenever the process is killed, no half of it stays there.
+            # Made of other inputs, or damaged: moved away first, so that a killed process leaves no half of a folder.
             with suppress(FileNotFoundError):  # by a worker that had been given up
                 target.rename(former)
         try:

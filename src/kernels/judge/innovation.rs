@@ -40,6 +40,7 @@ mod evidence;
 mod shrinkage;
 
 use std::ops::Range;
+use std::sync::atomic::AtomicBool;
 
 use self::evidence::{Gather, LocalLight, Pool};
 use self::shrinkage::{Shrink, Subtract, upsample_columns, upsample_rows};
@@ -193,11 +194,11 @@ pub fn innovation(
         known,
         black,
         share: params.share,
+        gaps: AtomicBool::new(false),
     };
     let mut finest = Image::blank(size, CHANNELS);
     rows::run(&gather, size.height, finest.bands());
-    let variances = finest.plane(CHANNELS - 1);
-    let gaps = variances.iter().fold(false, |any, v| any | v.is_nan());
+    let gaps = gather.gaps.into_inner();
 
     let mut coarser: Vec<Image> = vec![];
     for _ in 1..params.levels {

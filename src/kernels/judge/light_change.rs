@@ -25,14 +25,14 @@ const BLOCKS: usize = 8;
 const ROWS: usize = 128;
 /// Coverage above which history is known.
 const KNOWN: f32 = 0.9;
-/// Of so many inspected pixels of a block, history must be known in at least one.
+/// A block takes part if history is known in at least one of so many of its inspected pixels.
 const SPARSE: f32 = 16.0;
-/// Blocks that must tell.
+/// Fewest blocks that must take part.
 const FEWEST: usize = BLOCKS * BLOCKS / 4;
 /// A change must be more than so many times the spread of the blocks' changes: it is none if a quarter of the blocks did not
 /// change.
 const BEYOND: f64 = 1.25;
-/// The spread from which on the change is not one.
+/// Spread between blocks from which on no single factor describes the change.
 const SPREAD: f64 = 0.15;
 /// Larger factors are not followed: moments are multiplied by the square, which must not overflow.
 const MOST: f64 = 1e6;

@@ -36,9 +36,9 @@ use crate::math::{is_present, larger, luminance, smaller};
 use crate::pixels::{Colors, MotionLanes};
 use crate::rows::{self, Kernel, Simd};
 
-/// From one row that is looked at to the next.
+/// Stride between the rows that are sampled.
 const STEP: usize = 8;
-/// Fewer pairs of pixels tell nothing.
+/// Fewest pairs of pixels for an estimate.
 const FEWEST: usize = 256;
 /// Smaller deviations, relative to the light, are no noise that matters.
 const NOISE: f32 = 0.1;
@@ -212,7 +212,7 @@ impl<'a> Kernel for Products<'a> {
     }
 }
 
-/// S − W, or 0 if nothing is as it was: then it is not above 0.
+/// S − W. If no pixel repeats, which needs no sums to see, 0: the difference would not be above it either.
 fn standing(now: View, before: View) -> f32 {
     let mut looked_at = (0..now.size.height).step_by(STEP);
     let repeats = |y| {

@@ -368,8 +368,8 @@ impl Band<'_> {
         }
     }
 
-    /// Stores how bright the pixels of a complete row are, if brighter taps weigh less: those that are the mean of `settled`
-    /// samples or more.
+    /// Stores 1 / (luminance + exposure) of a complete row's pixels, if brighter taps weigh less. Pixels of fewer than
+    /// `settled` samples get infinity, which leaves all weights as they are.
     #[inline(always)]
     pub fn weigh(&mut self, samples: Pixels, exposure: f32, settled: f32, y: usize) {
         let Some(tones) = &mut self.tones else { return };

@@ -28,7 +28,7 @@ const WHITE: u32 = 3;
 
 /// Albedo of glass and mirrors. 0.98 is paint, of titanium white.
 const CLEAR: f32 = 0.99;
-/// White is no texture as long as each pair of neighbours that it splits has so many pixels of the rarer kind.
+/// White counts as texture if it splits more than one pair of neighbours for so many pixels of the rarer kind.
 const RARE: usize = 8;
 
 /// The materials of a frame.

@@ -87,10 +87,10 @@ pub fn still_motion(size: Size, geometry: Geometry, camera: &Camera, previous: &
     motion
 }
 
-/// Rows between those in which unknown motion is looked for: objects without motion are larger.
+/// Every so many rows are searched for missing motion vectors: an object without them is higher than that.
 const LOOKED_AT: usize = 4;
 
-/// Whether motion alone leaves open if it is known.
+/// Whether a motion vector is missing (NaN), or zero: then geometry has to decide.
 #[inline(always)]
 fn may_be_unknown([x, y]: [f32; 2]) -> bool {
     !(x.is_finite() & y.is_finite()) | ((x == 0.0) & (y == 0.0))

@@ -108,8 +108,8 @@ impl Points {
     }
 }
 
-/// A filled pixel does not join a point of more than so many times its quality: it would blur the point, and a still scene
-/// would never become as sharp as its samples.
+/// A filled pixel is not blended into a point of more than so many times its quality, which it would blur: a still scene would
+/// never become as sharp as its samples.
 const OUTWEIGHS: f32 = 8.0;
 
 struct Settle<'a> {

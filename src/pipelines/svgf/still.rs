@@ -117,8 +117,8 @@ impl Still {
         }
     }
 
-    /// Whether nothing but the filtered mean is to be shown, by the lengths of history. Black samples do not count: what spreads to
-    /// them of coarse corrections ends their history, and is next to nothing.
+    /// Whether histories are so long that the filtered mean alone is shown. Pixels of black samples do not count: coarse
+    /// corrections of their neighbours, which hardly change them, keep their history short.
     pub fn is_settled(&self, samples: Pixels, lengths: &[f32]) -> bool {
         let young = lengths.iter().enumerate().filter(|&(pixel, &length)| {
             length < 2.0 * FEWEST && samples.vector(pixel).iter().any(|&light| light > 0.0)

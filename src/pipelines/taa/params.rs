@@ -35,7 +35,7 @@ pub struct Params {
     /// Least share of the new colour in frames without albedo, normals and ids; from 0 to 1. Above 0, these frames are also
     /// weighted by the tone curve. Frames whose depth shows geometry that is thinner than a pixel are not among them.
     pub unguided_alpha: f32,
-    /// Frames with albedo, normals or ids are weighted by local tone at so many times the exposure; 0: as others are.
+    /// Exposure of the weights by local tone in frames with albedo, normals or ids, in times of the frame's; 0: no such weights.
     pub guided_exposure: f32,
     /// What else weighs the two colours; its exposure is relative to that of the frame.
     pub blend: blend::Params,

@@ -1,6 +1,7 @@
 //! Evidence: what samples show beside the prediction, by blocks of 2×2 pixels, and its means over larger blocks.
 
 use std::ops::Range;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::{CHANNELS, Known, Prediction};
 use crate::image::{BandMut, Image, Run, SEGMENT, Size, View, segments};
@@ -24,6 +25,8 @@ pub struct Gather<'a, F, P> {
     pub known: Option<Known<'a>>,
     pub black: f32,
     pub share: f32,
+    /// Output: whether there are unknown blocks.
+    pub gaps: AtomicBool,
 }
 
 /// Line buffers for one row of pixels.
@@ -168,6 +171,7 @@ impl<F: Colors, P: Prediction> Gather<'_, F, P> {
             }
         }
         let [er, eg, eb, variances] = out.map(|row| &mut row[left..][..count]);
+        let mut gaps = false;
         for i in 0..count {
             let samples = sum(&pairs.samples, i);
             let per = 1.0 / larger(samples, 1.0);
@@ -183,6 +187,10 @@ impl<F: Colors, P: Prediction> Gather<'_, F, P> {
             let variance = new * new * (sum(&pairs.noise, i) * per * per) + w * w * old;
             let unknown = (samples == 0.0) & (w == 0.0);
             variances[i] = if unknown { f32::NAN } else { variance };
+            gaps |= variances[i].is_nan();
+        }
+        if gaps {
+            self.gaps.store(true, Ordering::Relaxed);
         }
     }
 }

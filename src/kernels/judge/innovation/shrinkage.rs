@@ -205,7 +205,7 @@ impl Shrink<'_> {
         }
     }
 
-    /// Writes the evidence that the next frame takes: of what is fed back, what is left of it. Takes the steps as scratch.
+    /// Writes the next frame's evidence, less the correction if that is fed back into history. Overwrites the steps.
     #[inline(always)]
     fn leave(
         &self,
