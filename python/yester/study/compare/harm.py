@@ -18,11 +18,9 @@ LIMITS = {"psnr": 0.1, "relmse": 0.02, "flip": 0.02, "temporal_error": 0.02}
 #: By component and case (`ablation.Effect.name` and `case`), the reason why harm is accepted. An exception applies only
 #: if the component gains `_WORTH` times as much in another metric of that case.
 EXCEPTIONS: dict[tuple[str, str], str] = {
-    ("SVGF - antialiasing", "spinning_shapes"): "edges gain more than what lags behind turning shapes loses",
-    ("SVGF - antialiasing", "brushed_metal"): "edges gain more than highlights lose, which its history blurs",
-    ("SVGF - demodulation", "shallow_focus"): "texture stays sharp; out of focus, albedo is noisy itself",
+    ("SVGF - antialiasing", "passing_day"): "edges gain more than what lags behind moving light loses",
     ("SVGF - clip", "neon_corridor"): "wrong history is kept out; features as thin as a pixel lose contrast",
-    ("SVGF - cubic history", "glossy_plates"): "history stays sharp; sharp reflections flicker more than blurred ones",
+    ("SVGF - clip", "glass_shelf"): "wrong history is kept out; what glass shows lags less and is noisier",
     ("SVGF - tone-mapped box", "cornell_box"): "outliers do not widen the box; dark places lose a little",
 }
 
