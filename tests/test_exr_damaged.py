@@ -140,6 +140,10 @@ def the_same_chunk(data):
 DAMAGES["offsets of one chunk"] = ("more parts", the_same_chunk, ".")
 
 
+#: Numbers of mutations that once ended in a traceback. What else did is in `DAMAGES`.
+FOUND = (9_000_230, 20_013_370)
+
+
 @pytest.mark.parametrize("name", DAMAGES)
 def test_damaged(tmp_path, name):
     sample, damage, complaint = DAMAGES[name]
@@ -152,9 +156,26 @@ def test_damaged(tmp_path, name):
     assert fuzz_exr.fault(path) == ""
 
 
+def test_views_of_another_type_are_none(tmp_path):
+    data = bytearray(fuzz_exr.samples()["cycles"])
+    replaced(b"multiView\0stringvector\0", b"multiView\0sAringvector\0")(data)
+    path = tmp_path / "a.exr"
+    path.write_bytes(data)
+    assert io.describe(path).views == ()
+    assert io.read_exr(path).shape == (18, 20)
+    assert fuzz_exr.fault(path) == ""
+
+
 def test_mutated():
     """The first mutations: `python tests/fuzz_exr.py 100000` read all of them without a fault."""
     assert fuzz_exr.main(2000) == 0
+
+
+@pytest.mark.parametrize("number", FOUND)
+def test_mutations_that_were_faults(tmp_path, number):
+    path = tmp_path / "a.exr"
+    path.write_bytes(fuzz_exr.mutated(number))
+    assert fuzz_exr.fault(path) == ""
 
 
 def test_the_fuzzer_reports_faults(monkeypatch, capfd):

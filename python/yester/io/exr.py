@@ -699,8 +699,8 @@ def read_headers(path: Path, mapping: Mapped | None, view: str | None) -> Conten
     exr = _openexr()
     with _decoding(path):
         headers = [part.header for part in _opened(exr, _openable(path), header_only=True).parts]
-        if not headers:
-            raise ValueError("no part")
+        if len(headers) != len(kinds) or not headers:
+            raise ValueError(f"the header of one of {len(kinds)} parts cannot be read")
     views = _views(headers)
     if view is not None and view not in views:
         raise UnsuitedError(
@@ -708,7 +708,7 @@ def read_headers(path: Path, mapping: Mapped | None, view: str | None) -> Conten
         )
     chosen = view or ("left" if "left" in views else next(iter(views), ""))
     # Parts that are of a view say so themselves.
-    default = str(next(iter(headers[0].get("multiView", ())), chosen))
+    default = str(next(iter(_named_views(headers[0])), chosen))
     parts = [i for i, header in enumerate(headers) if str(header.get("view", chosen)) in (chosen, "")] or [0]
     main, *undecided = _coloured(headers, parts, views, default, chosen) if len(headers) > 1 else [0]
     places = _places(headers, [main, *(i for i in parts if i != main)], main)
@@ -739,8 +739,14 @@ def read_headers(path: Path, mapping: Mapped | None, view: str | None) -> Conten
 
 def _views(headers: list[dict[str, Any]]) -> tuple[str, ...]:
     """The names of the views of a stereo file, the default one first."""
-    named = [str(view) for header in headers for view in header.get("multiView", ())]
+    named = [str(view) for header in headers for view in _named_views(header)]
     return tuple(dict.fromkeys([*named, *(str(header["view"]) for header in headers if header.get("view"))]))
+
+
+def _named_views(header: dict[str, Any]) -> list[str]:
+    """The views that a header names; none if the attribute is of another type."""
+    named = header.get("multiView")
+    return named if isinstance(named, list) else []
 
 
 def _coloured(
