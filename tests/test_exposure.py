@@ -37,6 +37,19 @@ def test_a_lamp_moves_it_little():
     assert before < yester.exposure(color) < 2 * before
 
 
+@pytest.mark.parametrize("missing", [0, 3])
+def test_a_broken_pixel_does_not_decide(missing):
+    """Its row counts for 4096 times the row that is brighter than nine tenths of them."""
+    color = np.random.default_rng(0).random((50, 80, 3)).astype(np.float32)
+    color[:missing] = np.nan
+    color[20, 10] = 1e30
+    found = yester.exposure(color)
+    assert found == pytest.approx(reference.exposure(tensor(color)), rel=1e-5)
+    assert found < 1e5
+    color[20, 10] = 1e38
+    assert yester.exposure(color) == found
+
+
 @pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf, 1e-45])
 def test_without_light_it_is_one(value):
     assert yester.exposure(np.full((4, 5, 3), value, np.float32)) == 1

@@ -109,6 +109,26 @@ def test_the_largest_numbers_do_not_turn_black(pipeline):
         assert color.min() > 1e36
 
 
+@pytest.mark.parametrize("brightest", [1e20, 1e38])
+@pytest.mark.parametrize("make", [yester.SVGF, yester.BMFR, yester.TAA, lambda: yester.OIDN("fast", temporal=True)])
+def test_a_broken_pixel_spoils_its_surroundings_at_most(make, brightest):
+    """Pixels far from it are as bright as ever: neither black, nor brighter than the samples."""
+    random = np.random.default_rng(0)
+    size = (96, 96)
+    rest = {"albedo": np.full((*size, 3), 0.5), "normal": np.full((*size, 3), [0.0, 0, 1]), "depth": np.ones(size)}
+    steps = make()
+    for i in range(6):
+        color = random.random((*size, 3)).astype(np.float32)
+        if i == 2:
+            color[40, 50] = brightest
+        seen = steps.step(yester.Frame(color, motion=np.zeros((*size, 2)), **rest)).color
+        assert np.isfinite(seen).all()
+        far = np.ones(size, bool)
+        far[16:72, 24:80] = False
+        assert 0.4 < seen[far].mean() < 0.6
+        assert seen[far].max() < 2
+
+
 @pytest.mark.parametrize("make", [yester.TAA, yester.Recirculation])
 def test_the_former_name_of_textbook_serves_with_a_warning(make):
     camera = yester.Camera([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, -1], [0, 0, 1, 0]], 9, 7)

@@ -2381,8 +2381,10 @@ def exposure(color: ArrayLike) -> float:
     -------
     exposure : float
         ``8 (mean √l)²`` of the luminances l, negative ones as 0: proportional to the frame's radiance, determined by
-        all of its pixels rather than by a few bright ones, and near 1 for images exposed like photographs. 1 for a
-        frame that is black or has no valid pixel, and where the result exceeds float32.
+        all of its pixels rather than by a few bright ones, and near 1 for images exposed like photographs. A row's
+        mean counts for at most 4096 times the one that exceeds nine tenths of them: so single pixels of 1e20 and more,
+        which are broken, do not decide. 1 for a frame that is black or has no valid pixel, and where the result exceeds
+        float32.
 
     Raises
     ------

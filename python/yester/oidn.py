@@ -29,6 +29,10 @@ from ._core import (
 from .frame import Frame, present
 from .judge import REPEATS, light
 
+#: Most radiance that the network gets, in times of the exposure, the largest half-precision number: a broken pixel of
+#: 1e20 would brighten all others.
+_BRIGHTEST = 65504.0
+
 __all__ = ["OIDN", "Network"]
 
 
@@ -341,7 +345,8 @@ class Network:
                 self._filter.unset_image(name)
         self.guides = tuple(guides)
         self._output = np.empty_like(color)
-        for name, image in {"color": color.clip(0), **guides, "output": self._output}.items():
+        held = color.clip(0, _BRIGHTEST * exposure(color))
+        for name, image in {"color": held, **guides, "output": self._output}.items():
             self._filter.set_image(name, image)
 
     def run(self) -> NDArray[np.float32]:

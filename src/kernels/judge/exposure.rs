@@ -4,6 +4,9 @@
 //! proportional to the frame's radiance, and determined by all of its pixels rather than by the few brightest. The factor
 //! 8 puts e near 1 for images that are exposed like photographs. For a black frame, e = 1.
 //!
+//! A single broken pixel, of 1e20 or more, would still outweigh a whole frame. So no row's mean of √l counts for more than 4096
+//! times that of the row which is brighter than nine tenths of them (16 million times in radiance: no lamp is so bright).
+//!
 //! Input: colour (3). Output: a number above 0.
 
 use std::ops::Range;
@@ -11,10 +14,12 @@ use std::ops::Range;
 use crate::error::{Result, finite_above_0};
 use crate::image::{BandMut, Image, Pixels, SEGMENT, Size, segments};
 use crate::lanes::LANES;
-use crate::math::{is_present, luminance};
+use crate::math::{is_present, luminance, smaller};
 use crate::rows::{self, Kernel, Simd};
 
 const FACTOR: f64 = 8.0;
+/// Most that a row counts for, in times of one that is brighter than nine tenths of them.
+const BOUND: f32 = 4096.0;
 
 /// Whether a number can be the exposure of other kernels.
 pub fn check(exposure: f32) -> Result<()> {
@@ -26,13 +31,19 @@ pub fn exposure(color: Pixels) -> f32 {
     let height = color.size.height;
     let mut sums = Image::new(Size { height, width: 1 }, 2);
     rows::run(&Sums { color }, height, sums.bands());
-    let total = |channel: usize| {
-        sums.plane(channel)
-            .iter()
-            .map(|&v| f64::from(v))
-            .sum::<f64>()
+    let rows = || (sums.plane(0).iter().zip(sums.plane(1))).filter(|&(_, &count)| count > 0.0);
+    let mut means: Vec<f32> = rows().map(|(sum, count)| sum / count).collect();
+    means.sort_unstable_by(f32::total_cmp);
+    let bound = (means.get(means.len() * 9 / 10)).map_or(0.0, |mean| BOUND * mean);
+    let bounded = |(&sum, &count): (&f32, &f32)| {
+        f64::from(if bound > 0.0 {
+            smaller(sum, bound * count)
+        } else {
+            sum
+        })
     };
-    let mean = total(0) / total(1);
+    let pixels: f64 = rows().map(|(_, &count)| f64::from(count)).sum();
+    let mean = rows().map(bounded).sum::<f64>() / pixels;
     let exposure = (FACTOR * mean * mean) as f32;
     if exposure >= f32::MIN_POSITIVE && exposure.is_finite() {
         exposure
