@@ -196,6 +196,8 @@ ABLATIONS = (
     _ablation(_BMFR, "bright light weighs less in fits", pipeline(BMFR, by_light=False)),
     _ablation(_BMFR, "restored detail", pipeline(BMFR, restore=False)),
     _ablation(_BMFR, "motion test", pipeline(BMFR, motion_difference=math.inf)),
+    _ablation(_BMFR, "shares by confidence", pipeline(BMFR, by_confidence=True), added=True),
+    _ablation(_HALF_RES, "shares by confidence", on_part(quarter, pipeline(HalfRes, by_confidence=True)), added=True),
     _ablation(_HALF_RES, "innovation", on_part(quarter, pipeline(HalfRes, innovation=False))),
     _ablation(_HALF_RES, "choice", on_part(quarter, pipeline(HalfRes, choice=False))),
     _ablation(_HALF_RES, "brighter taps weigh less", on_part(quarter, pipeline(HalfRes, tap_exposure=math.inf))),
