@@ -60,9 +60,10 @@ pub fn run_jobs<K: Kernel>(kernel: &K, jobs: Vec<Job<K::Out>>) {
     }
 }
 
-/// Runs work that calls many kernels on a thread of the pool. From any other thread, each call would wake the pool and wait to
-/// be woken: of small images, a fifth of the time. Only one such work has the pool at a time, and others run on the thread
-/// that calls: a pool's thread that waits takes up what else is due, and many works within each other would exhaust its stack.
+/// Runs work that calls many kernels, such as a frame, on a thread of the pool. From any other thread, each call would wake the
+/// pool and wait to be woken, a sixth of the time of small frames. Only one frame has the pool at a time, and others run on
+/// their callers' threads: while a thread of the pool waits, it begins other work that is due, and many frames nested in this
+/// way would exhaust its stack.
 pub fn together<R: Send>(work: impl FnOnce() -> R + Send) -> R {
     struct Leave<'a>(&'a AtomicBool);
     impl Drop for Leave<'_> {

@@ -31,8 +31,8 @@ pub fn exposure(color: Pixels) -> f32 {
     let height = color.size.height;
     let mut sums = Image::new(Size { height, width: 1 }, 2);
     rows::run(&Sums { color }, height, sums.bands());
-    let rows = || (sums.plane(0).iter().zip(sums.plane(1))).filter(|&(_, &count)| count > 0.0);
-    let mut means: Vec<f32> = rows().map(|(sum, count)| sum / count).collect();
+    let valid = || (sums.plane(0).iter().zip(sums.plane(1))).filter(|&(_, &count)| count > 0.0);
+    let mut means: Vec<f32> = valid().map(|(sum, count)| sum / count).collect();
     means.sort_unstable_by(f32::total_cmp);
     let bound = (means.get(means.len() * 9 / 10)).map_or(0.0, |mean| BOUND * mean);
     let bounded = |(&sum, &count): (&f32, &f32)| {
@@ -42,8 +42,8 @@ pub fn exposure(color: Pixels) -> f32 {
             sum
         })
     };
-    let pixels: f64 = rows().map(|(_, &count)| f64::from(count)).sum();
-    let mean = rows().map(bounded).sum::<f64>() / pixels;
+    let pixels: f64 = valid().map(|(_, &count)| f64::from(count)).sum();
+    let mean = valid().map(bounded).sum::<f64>() / pixels;
     let exposure = (FACTOR * mean * mean) as f32;
     if exposure >= f32::MIN_POSITIVE && exposure.is_finite() {
         exposure
