@@ -54,7 +54,8 @@
 //!            reproject                                          history, gathered and validated tap by tap,
 //!            splat ► pull_push                                  or scattered point by point, its holes filled
 //!   judge    consistency, disocclusion, thin_features,          history of another surface or light is refused,
-//!            incoherent_guides, light_change, repetition,
+//!            incoherent_guides, light_change, material_change,
+//!            repetition,
 //!            exposure ► clip_history, alternation ► anti_lag,
 //!            temporal_gradient, prediction_gain ► blend_factor, or weighs less,
 //!            innovation, compare_candidates ► choice,           or is corrected; the best of several wins,
@@ -75,6 +76,7 @@
 #[cfg(feature = "python")]
 mod bindings;
 mod bordered;
+mod box_sums;
 pub mod error;
 mod image;
 pub mod kernels;

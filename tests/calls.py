@@ -83,6 +83,10 @@ def calls(height: int = 6, width: int = 9, seed: int = 0) -> dict[str, tuple[Cal
             yester.repetition,
             {"color": color, "previous": history, "motion": motion, "deviation": deviation},
         ),
+        "material_change": (
+            yester.material_change,
+            {"albedo": albedo, "previous_albedo": albedo[::-1].copy(), "motion": motion, "share": 0.3, "radius": 2},
+        ),
         "alternation": (yester.alternation, {"color": color, "memory": memory}),
         "anti_lag": (yester.anti_lag, {"history_length": length, "history": history, "clipped": color}),
         "temporal_gradient": (yester.temporal_gradient, {"color": color, "previous": history}),

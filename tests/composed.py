@@ -372,6 +372,13 @@ def catch_up(old: NDArray, color: NDArray, compared: NDArray, found: NDArray) ->
     return np.where(compared[..., None] & corrected_runs(found), corrected, old)
 
 
+def find_changed(settings: dict, frame: yester.Frame, before: NDArray | None, motion: NDArray) -> NDArray | None:
+    """Where the material has changed since a frame with the `before` albedo; None if nothing tells."""
+    if not settings["material_change"] or frame.albedo is None or before is None:
+        return None
+    return yester.material_change(frame.albedo, before, motion)
+
+
 class TAA:
     def __init__(self, preset: str = "best", *, innovation: bool = False, fireflies: bool = False, **overrides):
         self.settings, self.innovation, self.fireflies = {**PRESETS[preset], **overrides}, innovation, fireflies
@@ -387,7 +394,10 @@ class TAA:
             color = yester.resolve([color], [frame.jitter], filter="blackman-harris")
         tests = {} if self.before is None else same_surface(self.settings, frame, self.before, motion)
         still = find_still(frame, self.before)
-        merged = antialias(for_frame(self.settings, frame), self.history, color, motion, frame.depth, still, tests)
+        before = None if self.before is None else self.before.albedo
+        changed = find_changed(self.settings, frame, before, motion)
+        given = frame.depth, still, tests, changed
+        merged = antialias(for_frame(self.settings, frame), self.history, color, motion, *given)
         self.history, confidence, rejection = merged
         shown, length = self.history[:2]
         shown = blacken(shown)
@@ -397,7 +407,8 @@ class TAA:
             shown = correct(shown, found)
         if self.settings["smooth_edges"]:
             result = shown if self.innovation else self.history[0]
-            shown = blacken(yester.smooth_edges(result, exposure=yester.exposure(color)))
+            known = None if changed is None else np.where(changed, np.float32(0), np.float32(1))
+            shown = blacken(yester.smooth_edges(result, confidence=known, exposure=yester.exposure(color)))
         self.before = frame
         return SimpleNamespace(
             color=shown,
@@ -685,7 +696,7 @@ class SVGF:
         self.passes, self.stage = 3, {**PRESETS["denoised"], "choice": choice}
         self.stage["unguided_alpha"] = 0.0 if average_still else 0.5
         self.stage["guided_exposure"] *= not average_still
-        self.before = self.antialiased = self.mirrored = self.mixing = self.trust = None
+        self.before = self.antialiased = self.albedo = self.mirrored = self.mixing = self.trust = None
         self.evidence = self.lag = self.rest = None
         self.chooses, self.choice, self.coherence = choice, None, coherence
         self.choice_with_albedo, self.strictness, self.fewest, self.settled = True, 0.5, 2.5, 3.5
@@ -881,7 +892,7 @@ class SVGF:
         self.expects_replay = self.before is None or frame.replay is not None
         self.before = frame
         if not shows:
-            self.antialiased = self.lag = self.rest = self.mixing = None
+            self.antialiased = self.albedo = self.lag = self.rest = self.mixing = None
             names = "color", "moments", "history_length"
             known = dict(zip(names, recalled, strict=True))
             return SimpleNamespace(**known, confidence=confidence, rejection=rejection, motion=seen[..., :2])
@@ -902,6 +913,9 @@ class SVGF:
 
     def finish(self, stage: dict, color: NDArray, frame: yester.Frame, motion: NDArray, still, confidence) -> NDArray:
         """The output stage, whose history the samples correct, too."""
+        changed, self.albedo = find_changed(stage, frame, self.albedo, motion), frame.albedo
+        if changed is not None:
+            confidence = np.where(changed, np.float32(0), confidence)
         before, others = self.antialiased, confidence <= 0
         if self.innovation and before is not None:
             fetched, coverage = yester.reproject(before[0], motion, fallback=False)
@@ -1148,7 +1162,9 @@ class BMFR:
         self.gradient, self.fireflies, self.restore = gradient, fireflies, restore
         self.innovation, self.antialias = innovation, antialias
         self.by_confidence, self.same_albedo = by_confidence, False
-        self.before = self.antialiased = self.evidence = self.lag = self.rest = self.mixing = self.trust = None
+        self.before = self.antialiased = self.albedo = self.evidence = self.lag = self.rest = self.mixing = (
+            self.trust
+        ) = None
         self.noise, self.repeats = Noise(), False
         self.age = 0
 

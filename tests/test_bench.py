@@ -52,7 +52,7 @@ def test_every_task_runs_again_and_again(task, inputs):
     assert least <= call.bytes - call.made < 1e6
     # A number, some values per tile, or a mask.
     fewer = "exposure", "light_change", "choice", "compare_candidates", "collocate", "collocation_shares"
-    fewer += "depth_change", "incoherent_guides", "is_reflectance", "repetition"
+    fewer += "depth_change", "incoherent_guides", "is_reflectance", "material_change", "repetition"
     assert 64 * 48 * 4 <= call.made < 1e6 or task.function in fewer
 
 

@@ -49,7 +49,7 @@ mod _core {
     #[pymodule_export]
     use super::judge::{
         alternation_, anti_lag_, blend_factor_, clip_history_, exposure_, incoherent_guides_,
-        innovation_, light_change_, temporal_gradient,
+        innovation_, light_change_, material_change_, temporal_gradient,
     };
     #[pymodule_export]
     use super::merge::{Accumulated, accumulate_, blend_, combine_histories, converge_, resolve_};

@@ -1,7 +1,7 @@
 //! Temporal antialiasing, as a list of this library's kernels:
 //!
-//!   (motion from cameras) → (suppress fireflies) → (resolve the jittered sample) → (change of light) → (expose)
-//!     → (lag) → (temporal gradient) → (alternation) → dilate → reproject → (catch up) → clip → (anti-lag) → blend
+//!   (motion from cameras) → (suppress fireflies) → (resolve the jittered sample) → (change of light) → (change of material)
+//!     → (expose) → (lag) → (temporal gradient) → (alternation) → dilate → reproject → (catch up) → clip → (anti-lag) → blend
 //!     → (innovation) → (smooth edges) → (mix)
 //!
 //! From dilation to blend the kernels run in one fused pass ([`sweep`]). The temporal gradient looks at larger windows and
@@ -40,6 +40,8 @@ use crate::kernels::judge::exposure::exposure;
 use crate::kernels::judge::gradient::{self, find_gradient};
 use crate::kernels::judge::innovation::{self, innovation};
 use crate::kernels::judge::light_change::light_change_along;
+use crate::kernels::judge::material_change::material_change;
+use crate::kernels::judge::repetition::luminances;
 use crate::kernels::merge::resolve::{self, resolve};
 use crate::kernels::smooth::edges::smooth_edges;
 use crate::pixels::PixelsMut;
@@ -81,6 +83,8 @@ struct History {
 pub(crate) struct Stage {
     params: Params,
     history: Option<History>,
+    /// Luminance of the last frame's albedo, where changes of material are looked for.
+    albedo: Option<Image>,
 }
 
 /// What the stage merges into its history.
@@ -142,11 +146,12 @@ impl Stage {
         Self {
             params,
             history: None,
+            albedo: None,
         }
     }
 
     pub fn reset(&mut self) {
-        self.history = None;
+        *self = Self::new(self.params);
     }
 
     /// The whole stage: antialiases a colour, corrects the result by what the frame's samples show to be wrong with it, and mixes
@@ -172,6 +177,11 @@ impl Stage {
             Origin::Denoiser { .. } => exposure(color),
         };
         let params = params.exposed(bright);
+        let known = self.known_materials(frame.albedo, motion, input.others.confidence);
+        let mut input = input;
+        if let Some(known) = &known {
+            input.others.confidence = Some(known.view());
+        }
         let lag = self.lag(frame, motion, &input, bright);
         let (out, others) = (PixelsMut::bands(color.size, 3, shown), input.others);
         let confidence = others.confidence;
@@ -211,6 +221,24 @@ impl Stage {
             scale(samples.size.width, history.merged.data_mut(), &factors);
             history.seen.iter_mut().for_each(|seen| seen.scale(change));
         }
+    }
+
+    /// The confidence, by default 1, where the material is that of the frame before, else 0. None if it is everywhere.
+    fn known_materials(
+        &mut self,
+        albedo: Option<Pixels>,
+        motion: Pixels,
+        confidence: Option<View>,
+    ) -> Option<Image> {
+        let albedo = albedo.filter(|_| self.params.material_change);
+        let before = std::mem::replace(&mut self.albedo, albedo.map(luminances));
+        let (now, before) = (self.albedo.as_ref()?.view(), before?);
+        let mut known = material_change(now, before.view(), motion, Default::default())?;
+        for (pixel, known) in known.data_mut().iter_mut().enumerate() {
+            let confidence = confidence.map_or(1.0, |image| image.plane(0)[pixel]);
+            *known = if *known > 0.0 { 0.0 } else { confidence };
+        }
+        Some(known)
     }
 
     /// The history, colour first, where its pixels are now; black where it is not known.
@@ -523,6 +551,8 @@ impl Taa {
             uses_depth && frame.surface.depth.is_some(),
         ));
         used.extend((catches_up && frame.emission.is_some()).then_some("emission"));
+        let compares = params.material_change && frame.albedo.is_some();
+        used.extend((compares && !tests.used().contains(&"albedo")).then_some("albedo"));
         let compared = (source.filter(|_| params.choice))
             .map(|source| Noise::compare(noise, source.samples, motion.pixels()));
         let (noise, repeats) = compared.unzip();

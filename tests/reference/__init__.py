@@ -32,6 +32,7 @@ from .invert import invert_motion
 from .jitter import jitter
 from .joint_bilateral import joint_bilateral_upsample, reconstruct
 from .light_change import light_change
+from .material_change import material_change
 from .morphological import morphological_aa
 from .motion import motion_vectors
 from .neighborhood import clip_history
@@ -93,6 +94,7 @@ __all__ = [
     "joint_bilateral_upsample",
     "light_change",
     "luminance",
+    "material_change",
     "material_ids",
     "morphological_aa",
     "motion_vectors",

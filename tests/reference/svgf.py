@@ -22,6 +22,7 @@ from .taa import (
     PRESETS,
     Mixing,
     antialias,
+    find_changed,
     find_motion,
     find_still,
     for_frame,
@@ -104,7 +105,7 @@ class SVGF:
         self.reset()
 
     def reset(self) -> None:
-        self.previous = self.antialiased = self.evidence = self.lag = self.rest = None
+        self.previous = self.antialiased = self.albedo = self.evidence = self.lag = self.rest = None
         self.choosing, self.mixing, self.noise = self.start_choosing(), Mixing(), Noise()
         self.repeats = False
 
@@ -236,6 +237,9 @@ class SVGF:
 
         `confidence` (H, W) is 0 where pixels had no history; `weight` (H, W) is as for `weighed`.
         """
+        changed, self.albedo = find_changed(stage, frame, self.albedo, motion), frame.albedo  # (H, W), (H, W, 3)
+        if changed is not None:
+            confidence = confidence.where(~changed, 0)  # (H, W)
         before, others = self.antialiased, confidence <= 0  # [(H, W, 3), (H, W)], (H, W)
         if self.innovation and before is not None:
             change = light_change(frame.color, *reproject(before[0], motion, fallback=False))

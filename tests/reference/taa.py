@@ -21,6 +21,7 @@ from .exposure import exposure
 from .fireflies import suppress_fireflies
 from .gradient import temporal_gradient
 from .innovation import correct, innovation
+from .material_change import material_change
 from .motion import motion_vectors
 from .neighborhood import clip_history
 from .reproject import reproject
@@ -53,6 +54,7 @@ TEXTBOOK = {
     "gradient": False,
     "anti_lag": 0.0,
     "alternation": False,
+    "material_change": False,
     "smooth_edges": False,
     "choice": False,
 }
@@ -95,8 +97,16 @@ DENOISED = BEST | {
     "guided_exposure": 16.0,
     "smooth_edges": True,
     "choice": True,
+    "material_change": True,
 }
 PRESETS = {"best": BEST, "denoised": DENOISED, "textbook": TEXTBOOK, "karis": KARIS, "filament": FILAMENT}
+
+
+def find_changed(settings: dict, frame, before, motion: Tensor) -> Tensor | None:
+    """Where the material has changed (H, W) since a frame with the `before` albedo; None if nothing tells."""
+    if not settings["material_change"] or frame.albedo is None or before is None:
+        return None
+    return material_change(frame.albedo, before, motion)
 
 
 def is_unguided(frame) -> bool:
@@ -481,7 +491,10 @@ class TAA:
             color = resolve([color], torch.as_tensor(frame.jitter)[None], filter="blackman-harris")  # (H, W, 3)
         tests = {} if self.before is None else same_surface(self.settings, frame, self.before, motion)
         still = find_still(frame, self.before)  # (H, W, 3)
-        merged = antialias(for_frame(self.settings, frame), self.history, color, motion, frame.depth, still, tests)
+        before = getattr(self.before, "albedo", None)  # (H, W, 3)
+        changed = find_changed(self.settings, frame, before, motion)  # (H, W)
+        given = frame.depth, still, tests, changed
+        merged = antialias(for_frame(self.settings, frame), self.history, color, motion, *given)
         self.history, confidence, rejection = merged
         shown, length = self.history[:2]  # (H, W, 3), (H, W)
         shown = shown.nan_to_num(0, 0, 0)  # (H, W, 3)
@@ -491,7 +504,9 @@ class TAA:
             shown, _ = correct(shown, found)  # (H, W, 3)
         if self.settings["smooth_edges"]:
             result = shown if self.innovation else self.history[0]  # (H, W, 3)
-            shown = smooth_edges(result, exposure=exposure(color)).nan_to_num(0, 0, 0)  # (H, W, 3)
+            known = None if changed is None else 1 - changed.to(color)  # (H, W)
+            shown = smooth_edges(result, confidence=known, exposure=exposure(color))  # (H, W, 3)
+            shown = shown.nan_to_num(0, 0, 0)  # (H, W, 3)
         self.before = frame
         missing = int((~frame.color.isfinite().all(-1)).sum())
         return Output(shown, length, confidence, rejection, missing)

@@ -63,7 +63,8 @@ use crate::pipelines::taa;
 ///     given. A test drops out where one of two frames lacks its buffers. Along edges the tests refuse the history that
 ///     would antialias them.
 /// relative_albedo : float or (float, float), optional
-///     Largest relative difference of the albedo's luminance: rejects history where textures change or move.
+///     Largest relative difference of the albedo's luminance: rejects history where textures change or move, and where
+///     fine texture is sampled elsewhere (unlike `material_change`).
 /// ids : bool, default False
 ///     Reject history with another id.
 /// fireflies : bool, default False
@@ -80,6 +81,11 @@ use crate::pipelines::taa;
 ///     Do not clip history where the colours of whole neighbourhoods alternate (`alternation`): against flicker where
 ///     an aliased feature is wider than the neighbourhood. It nearly doubles the time. For `SVGF`, use
 ///     ``SVGF(antialias=False)`` followed by ``TAA("denoised", alternation=True)``.
+/// material_change : bool, optional
+///     Shorten history that has to be clipped where the albedo tells that the material has changed (`material_change`
+///     with its defaults): where a texture is swapped or plays, a denoised history leaves a ghost of the old one. The
+///     `confidence` of `step` counts as 0 there; if it is not given, as 1 elsewhere. By default only preset "denoised"
+///     does this.
 /// innovation : bool, default False
 ///     Add the error of the result, as estimated from the samples of this and a few earlier frames, to the output
 ///     (`innovation`, with the `exposure` of the result and ``fed_back=False``): for changing light in noisy frames.
@@ -120,10 +126,10 @@ use crate::pipelines::taa;
 /// Each step consists of this package's functions and gives their bits: `motion_vectors`, `depth_change` (for tests of
 /// depth), `suppress_fireflies`, `resolve` (with "blackman-harris", of frames that tell their jitter, but for
 /// "textbook"), `dilate_motion`, `reproject` without fallback, `blend_factor`, `exposure`, `clip_history`,
-/// `alternation`, `anti_lag`, `temporal_gradient` (``noise=2.2, passes=3, widest=5``), `blend`, `smooth_edges`. The
-/// weight of a pixel's N-th sample is at least 1/N. With a gradient λ, N is first shortened to N (1 - λ)¹⁰, and the
-/// weight a becomes ``lerp(a, 1, λ)``, as in `accumulate`. Preset "karis" follows Karis [1]_, "filament" Google's
-/// Filament [2]_; Yang et al. [3]_ survey the field. The presets set:
+/// `alternation`, `material_change`, `anti_lag`, `temporal_gradient` (``noise=2.2, passes=3, widest=5``), `blend`,
+/// `smooth_edges`. The weight of a pixel's N-th sample is at least 1/N. With a gradient λ, N is first shortened to
+/// N (1 - λ)¹⁰, and the weight a becomes ``lerp(a, 1, λ)``, as in `accumulate`. Preset "karis" follows Karis [1]_,
+/// "filament" Google's Filament [2]_; Yang et al. [3]_ survey the field. The presets set:
 ///
 /// ===============  ==================  ==================  ==========  ==========  ===============
 /// parameter        best                denoised            textbook    karis       filament
@@ -146,6 +152,7 @@ use crate::pipelines::taa;
 /// flicker          1                   1                   1           0.2         1
 /// smooth_edges     False               True                False       False       False
 /// choice           False               True                False       False       False
+/// material_change  False               True                False       False       False
 /// ===============  ==================  ==================  ==========  ==========  ===============
 ///
 /// References
@@ -176,7 +183,7 @@ impl TAA {
     #[pyo3(signature = (preset="best", *, alpha=None, fast_alpha=None, speed=None, unguided_alpha=None, guided_exposure=None, dilate=None, dilate_margin=None,
         dilate_movers=None, filter=None, r#box=None, gamma=None, window=None, space=None, response=None, weighting=None, flicker=None,
         relative_depth=None, plane_distance=None, normal_angle=None, relative_albedo=None, ids=false, fireflies=false, gradient=false, anti_lag=0.0, alternation=false,
-        innovation=false, smooth_edges=None, choice=None))]
+        material_change=None, innovation=false, smooth_edges=None, choice=None))]
     fn new(
         py: Python<'_>,
         preset: &str,
@@ -205,6 +212,7 @@ impl TAA {
         gradient: bool,
         anti_lag: f32,
         alternation: bool,
+        material_change: Option<bool>,
         innovation: bool,
         smooth_edges: Option<bool>,
         choice: Option<bool>,
@@ -259,6 +267,7 @@ impl TAA {
         params.gradient = gradient;
         params.anti_lag = anti_lag;
         params.alternation = alternation;
+        params.material_change = material_change.unwrap_or(params.material_change);
         params.innovation = innovation.then(|| innovation::Params {
             fed_back: false,
             ..Default::default()

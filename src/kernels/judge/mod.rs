@@ -14,6 +14,7 @@ pub mod gradient;
 pub(crate) mod hull;
 pub mod innovation;
 pub mod light_change;
+pub mod material_change;
 pub mod neighborhood;
 pub mod prediction;
 pub mod repetition;

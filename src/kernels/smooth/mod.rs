@@ -1,7 +1,6 @@
 //! Combine in space.
 
 pub mod atrous;
-pub(crate) mod box_sums;
 pub mod demodulate;
 pub mod edges;
 pub mod fireflies;

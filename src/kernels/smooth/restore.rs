@@ -12,7 +12,7 @@
 
 use std::ops::Range;
 
-use super::box_sums::box_sums;
+use crate::box_sums::box_sums;
 use crate::error::{Result, Whole, finite_from_0, whole};
 use crate::image::{BandMut, Image, Pixels, SEGMENT, View, segments};
 use crate::math::{is_present, luminance};

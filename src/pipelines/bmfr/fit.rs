@@ -33,11 +33,11 @@
 use std::ops::Range;
 
 use super::{FITS, LENGTH, LIGHT, MOMENTS};
+use crate::box_sums::box_sums;
 use crate::image::{BandMut, Image, Interleaved, Pixels, SEGMENT, View, segments};
 use crate::kernels::judge::neighborhood::{self, Bounds, Response, Space, clip_history};
 use crate::kernels::judge::repetition::luminances;
 use crate::kernels::merge::blend::{self, Alpha, blend};
-use crate::kernels::smooth::box_sums::box_sums;
 use crate::kernels::smooth::demodulate::{Texture, Way};
 use crate::kernels::smooth::regress::{self, Features, regress};
 use crate::kernels::smooth::restore::{self, restore_detail};

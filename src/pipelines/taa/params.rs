@@ -51,6 +51,8 @@ pub struct Params {
     pub anti_lag: f32,
     /// Whether history escapes the clip where the colours of whole neighbourhoods alternate.
     pub alternation: bool,
+    /// Whether history is shortened where the material has changed and it has to be clipped.
+    pub material_change: bool,
     /// Corrects the result by the innovation of new samples, if these are noisy; of a denoised colour, only that of the samples
     /// before it.
     pub innovation: Option<innovation::Params>,
@@ -189,6 +191,7 @@ impl Params {
         gradient: false,
         anti_lag: 0.0,
         alternation: false,
+        material_change: false,
         innovation: None,
         smooth_edges: false,
         choice: false,
@@ -266,6 +269,7 @@ impl Params {
         dilate_movers: false,
         smooth_edges: true,
         choice: true,
+        material_change: true,
         clip: neighborhood::Params {
             gamma: 0.75,
             response: Response::Center,

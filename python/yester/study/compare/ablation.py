@@ -170,6 +170,7 @@ ABLATIONS = (
     _stage("cubic history", filter="bilinear"),
     _stage("tone-mapped box", space="ycocg"),
     _stage("share without guides", unguided_alpha=0.0),
+    _stage("changes of material", material_change=False),
     _ablation(_SVGF, "smooth edges", _antialiased(**_CORRECTED, smooth_edges=False)),
     *(
         _ablation(_SVGF, component, run, added=True)

@@ -264,6 +264,7 @@ TASKS = (
     Task("exposure", "exposure", _named("color")),
     Task("light_change", "light_change", _named("color", history="previous_color")),
     Task("repetition", "repetition", _named("color", "motion", previous="previous_color")),
+    Task("material_change", "material_change", _named("albedo", "motion", previous_albedo="color")),
     Task("alternation", "alternation", _named("color")),
     Task("anti_lag", "anti_lag", _named("history_length", "history", clipped="previous_color")),
     Task("temporal_gradient", "temporal_gradient", _named("color", previous="history")),
