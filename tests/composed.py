@@ -286,7 +286,7 @@ def shorten_others(length, old, clipped, color, bright) -> NDArray:
 
 
 def antialias(
-    settings: dict, history, color, motion, depth, still=None, tests=None, others=None, lag=None
+    settings: dict, history, color, motion, depth, still=None, tests=None, others=None, lag=None, clip=None
 ) -> tuple[list, NDArray, NDArray]:
     """The history merged with one more colour: colour and length, the old history's coverage and rejection."""
     tests, change, memory = tests or {}, None, None
@@ -317,13 +317,15 @@ def antialias(
             )
             coverage = np.where(taken, found[1], coverage)
     if lag is not None:
-        old = lag(old, coverage)
+        old, steady = lag(old, coverage)
     among = {name: settings[name] for name in ("box", "gamma", "window", "space", "response")}
     bright = yester.exposure(color)
     clipped, kept = yester.clip_history(old, color, exposure=bright, **among), []
     if settings["alternation"]:
         kept = [yester.alternation(color, memory, exposure=bright)]
         clipped = yester.blend(old, clipped, np.clip(np.nan_to_num(kept[0][..., 6]) - 1, 0, 1))
+    if clip is not None:
+        clipped = clip.release(old, clipped, steady, bright)
     pace = {name: settings[name] for name in ("alpha", "fast_alpha", "speed")}
     share = yester.blend_factor(coverage, motion, **pace)
     with np.errstate(divide="ignore"):
@@ -342,8 +344,56 @@ def antialias(
     weights = {name: settings[name] for name in ("weighting", "flicker")}
     brighter = settings.get("brighter", 1.0)
     blended = yester.blend(color, clipped, share, exposure=brighter * bright, **weights)
+    if clip is not None:
+        clip.predict(blended, share)
     present = np.isfinite(color).all(-1)
     return [blended, np.where(present, counted, length), *kept], coverage, rejection
+
+
+class ClipChoice:
+    """Tiles that leave history unclipped where that has predicted the samples of earlier frames better."""
+
+    def __init__(self):
+        self.predicted = self.evidence = self.chosen = None
+
+    def scale(self, change: float) -> None:
+        if self.predicted is not None:
+            self.predicted = self.predicted * np.float32([change, change, 1])
+
+    def judge(self, samples: NDArray, motion: NDArray, exposure: float) -> None:
+        if self.predicted is None:
+            return
+        fetched, coverage = yester.reproject(self.predicted, motion, fallback=False)
+        candidates, self.settled = fetched[..., :2], fetched[..., 2]
+        if self.evidence is not None:
+            _, self.evidence = yester.choice(self.evidence, motion, coverage)
+        fresh = np.where((coverage > np.float32(0.9))[..., None], samples, np.float32(np.nan))
+        self.evidence = yester.compare_candidates(fresh, candidates, self.evidence, exposure=exposure)
+        still, everywhere = np.zeros_like(motion), np.ones_like(coverage)
+        self.chosen, _ = yester.choice(self.evidence, still, everywhere, share=0)
+
+    def release(self, old: NDArray, clipped: NDArray, steady: NDArray, exposure: float) -> NDArray:
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            apart = old - clipped
+            most = np.float32(0.25) * (luminance(clipped) + black_level(exposure))
+            off = np.abs(luminance(apart))
+            apart = apart * np.where(off > most, most / off, np.float32(1))[..., None]
+        self.steady = steady & np.isfinite(apart).all(-1)
+        apart = np.where(self.steady[..., None], apart, np.float32(0))
+        self.level = np.zeros(steady.shape, np.float32)
+        if self.chosen is not None:
+            self.level = between_tiles(self.chosen, *steady.shape) * self.settled
+        self.apart = luminance(apart)
+        return clipped + self.level[..., None] * apart
+
+    def predict(self, merged: NDArray, share: NDArray) -> None:
+        light, apart = luminance(merged), self.apart * (1 - share)
+        steady = self.steady.astype(np.float32)
+        self.predicted = np.dstack([light - self.level * apart, light + (1 - self.level) * apart, steady])
+
+
+def black_level(exposure: float) -> np.float32:
+    return np.maximum(np.float32(exposure) / np.float32(16), np.finfo(np.float32).tiny)
 
 
 def comparable(
@@ -355,13 +405,15 @@ def comparable(
         shines |= (frame.emission > 0).any(-1)
     if frame.depth is not None:
         shines |= ~(np.isfinite(frame.depth) & (frame.depth > 0))
-    around = np.pad(shines, 1)
-    height, width = shines.shape
-    for dy in range(3):
-        for dx in range(3):
-            shines = shines | around[dy : dy + height, dx : dx + width]
-    compared = ~shines & (coverage > np.float32(0.9))
+    compared = ~grown(shines, 1) & (coverage > np.float32(0.9))
     return compared if others is None else compared & ~others
+
+
+def grown(mask: NDArray[np.bool_], radius: int) -> NDArray[np.bool_]:
+    """A mask and the pixels up to so many away along each axis."""
+    around, (height, width) = np.pad(mask, radius), mask.shape
+    steps = range(2 * radius + 1)
+    return np.any([around[dy : dy + height, dx : dx + width] for dy in steps for dx in steps], 0)
 
 
 def catch_up(old: NDArray, color: NDArray, compared: NDArray, found: NDArray) -> NDArray[np.float32]:
@@ -696,7 +748,8 @@ class SVGF:
         self.passes, self.stage = 3, {**PRESETS["denoised"], "choice": choice}
         self.stage["unguided_alpha"] = 0.0 if average_still else 0.5
         self.stage["guided_exposure"] *= not average_still
-        self.before = self.antialiased = self.albedo = self.mirrored = self.mixing = self.trust = None
+        self.before = self.antialiased = self.albedo = self.mirrored = self.trust = None
+        self.mixing = self.clipping = None
         self.evidence = self.lag = self.rest = None
         self.chooses, self.choice, self.coherence = choice, None, coherence
         self.choice_with_albedo, self.strictness, self.fewest, self.settled = True, 0.5, 2.5, 3.5
@@ -892,12 +945,14 @@ class SVGF:
         self.expects_replay = self.before is None or frame.replay is not None
         self.before = frame
         if not shows:
-            self.antialiased = self.albedo = self.lag = self.rest = self.mixing = None
+            self.antialiased = self.albedo = self.lag = self.rest = self.mixing = self.clipping = None
             names = "color", "moments", "history_length"
             known = dict(zip(names, recalled, strict=True))
             return SimpleNamespace(**known, confidence=confidence, rejection=rejection, motion=seen[..., :2])
         if self.antialias:
-            final = self.finish(self.stage, final, frame, seen, still, confidence)
+            chooses_clip = self.stage["clip_choice"] and not (averages and frame.albedo is None)
+            stage = {**self.stage, "clip_choice": chooses_clip}
+            final = self.finish(stage, final, frame, seen, still, confidence)
         if averages:
             final, _ = self.settle(blacken(final), frame, motion)
         return SimpleNamespace(
@@ -924,9 +979,16 @@ class SVGF:
                 before = [before[0] * change, *before[1:]]
                 if self.mixing is not None:
                     self.mixing.scale(change)
+                if self.clipping is not None:
+                    self.clipping.scale(change)
         about = {"still": still, "others": others}
         if self.innovation and before is not None:
             about["lag"] = lambda *old: SVGF.follow(self, frame, before, color, motion, others, *old)
+            if self.repeats or not stage["clip_choice"]:
+                self.clipping = None
+            else:
+                self.clipping = about["clip"] = self.clipping or ClipChoice()
+                self.clipping.judge(frame.color, motion, yester.exposure(color))
         self.antialiased, _, _ = antialias(for_frame(stage, frame), before, color, motion, frame.depth, **about)
         shown, length = self.antialiased[:2]
         exposure = yester.exposure(color)
@@ -956,7 +1018,10 @@ class SVGF:
         asks = {"evidence": self.lag, "motion": motion, "exposure": bright, "strictness": 4, "share": 0.7}
         samples = weighed(frame.color, known, self.trust)
         found, self.lag = yester.innovation(samples, known, length, target=old, **asks)
-        return catch_up(old, color, compared, found)
+        new = catch_up(old, color, compared, found)
+        moved = np.abs(luminance(new) - luminance(old))
+        steady = moved <= np.float32(0.01) * (luminance(new) + black_level(bright))
+        return new, compared & ~grown(others, 2) & (steady | ~corrected_runs(found)[..., 0])
 
     def settle(
         self, shown: NDArray, frame: yester.Frame, motion: NDArray, *, alone: bool = False
@@ -1162,9 +1227,8 @@ class BMFR:
         self.gradient, self.fireflies, self.restore = gradient, fireflies, restore
         self.innovation, self.antialias = innovation, antialias
         self.by_confidence, self.same_albedo = by_confidence, False
-        self.before = self.antialiased = self.albedo = self.evidence = self.lag = self.rest = self.mixing = (
-            self.trust
-        ) = None
+        self.before = self.antialiased = self.albedo = self.evidence = self.lag = self.rest = None
+        self.mixing = self.clipping = self.trust = None
         self.noise, self.repeats = Noise(), False
         self.age = 0
 

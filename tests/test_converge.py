@@ -247,7 +247,7 @@ def test_the_mean_follows_what_all_light_changes_by():
     """As history does, in the bits of its kernels: a lamp that lights everything becomes three times as bright."""
     averaging, other, forgetting = yester.SVGF(average_still=True), composed.SVGF(average_still=True), yester.SVGF()
     light, errors = lambda number, x: np.full_like(x, 3.0 if number >= 14 else 1.0), []
-    for frame, truth in standing_still(24, light=light, smoothness=16):
+    for frame, truth in standing_still(30, light=light, smoothness=16):
         shown = averaging.step(frame).color
         assert_same_bits(shown, other.step(frame).color)
         errors.append([error(image, truth) for image in (shown, forgetting.step(frame).color)])

@@ -14,6 +14,7 @@
 mod lag;
 mod mix;
 mod params;
+mod release;
 mod sweep;
 
 use std::ops::Range;
@@ -21,7 +22,8 @@ use std::ops::Range;
 use self::lag::Lag;
 use self::mix::{Seen, mix};
 pub use self::params::{Limits, Params};
-use self::sweep::Sweep;
+use self::release::{Chosen, Predicted};
+use self::sweep::{Merged, Sweep};
 use super::correction::{correct, scale};
 use super::frame::{
     Frame, Mistake, Output, OwnedSurface, Report, Steps, Summary, Upkeep, check_size,
@@ -73,6 +75,8 @@ struct History {
     evidence: Option<Interleaved>,
     /// The same of the history before it is merged.
     lag: Option<Interleaved>,
+    /// By what the next frame's tiles choose between the clip and none, if they do.
+    predicted: Option<Predicted>,
     /// Luminances and evidence for the next frame's mixing weights, if samples and denoised colour are mixed in.
     seen: Option<Seen>,
     /// Whether the frame is the first.
@@ -96,6 +100,9 @@ pub(crate) struct Input<'a> {
     /// By how much of its difference from the result each sample counts then, if not all count wholly.
     pub weight: Option<View<'a>>,
     pub others: Others<'a>,
+    /// Whether what is shown is mixed with the mean of all samples. History that is not clipped is nearly such a mean, of fewer
+    /// samples, which its difference from the other would not tell: the clip always holds.
+    pub averaged: bool,
 }
 
 /// Where the stage's colour is from.
@@ -116,6 +123,7 @@ impl<'a> Input<'a> {
             correction: corrects.then_some(AFTER_DENOISER),
             weight: None,
             others,
+            averaged: false,
         }
     }
 }
@@ -183,9 +191,21 @@ impl Stage {
             input.others.confidence = Some(known.view());
         }
         let lag = self.lag(frame, motion, &input, bright);
+        let chosen = lag
+            .as_ref()
+            .and_then(|_| self.choose_clip(&input, samples, motion, bright));
         let (out, others) = (PixelsMut::bands(color.size, 3, shown), input.others);
         let confidence = others.confidence;
-        let missing = self.step(params, color, lag.as_ref(), motion, choice, out, others);
+        let missing = self.step(
+            params,
+            color,
+            lag.as_ref(),
+            chosen,
+            motion,
+            choice,
+            out,
+            others,
+        );
         drop(still);
         let (correction, weight) = (input.correction, input.weight);
         self.correct(correction, samples, weight, motion, bright, shown);
@@ -220,6 +240,7 @@ impl Stage {
             let factors = [change, change, change, 1.0];
             scale(samples.size.width, history.merged.data_mut(), &factors);
             history.seen.iter_mut().for_each(|seen| seen.scale(change));
+            (history.predicted.iter_mut()).for_each(|predicted| predicted.scale(change));
         }
     }
 
@@ -257,6 +278,20 @@ impl Stage {
         Some(lag)
     }
 
+    /// Where history is clipped, if that is chosen. Samples whose noise repeats cannot judge.
+    fn choose_clip(
+        &mut self,
+        input: &Input,
+        samples: Pixels,
+        motion: Pixels,
+        exposure: f32,
+    ) -> Option<Chosen> {
+        let before = self.history.as_mut()?.predicted.take();
+        let judges = input.origin == Origin::Denoiser { repeats: false };
+        let chooses = self.params.clip_choice && judges && !input.averaged;
+        chooses.then(|| Chosen::by(before, samples, motion, exposure))
+    }
+
     /// The motion of the still scene, if the dilation of a frame asks for it and the cameras tell it.
     fn still(&self, frame: &Frame, before: Option<&Camera>) -> Option<Image> {
         let asks = self.params.dilate.is_some() && !self.params.dilate_movers;
@@ -272,6 +307,7 @@ impl Stage {
         params: Params,
         color: Pixels<'a>,
         lag: Option<&'a Lag>,
+        chosen: Option<Chosen>,
         motion: Pixels<'a>,
         choice: Choice<'a>,
         merged: impl Iterator<Item = PixelsMut<'a>>,
@@ -315,8 +351,15 @@ impl Stage {
             gradient: gradient.as_ref().map(Image::view),
             returns: (alternation.as_ref()).map(|memory| memory.pixels().part(RETURNS)),
             confidence,
+            predicts: chosen.is_some(),
+            chosen: chosen.as_ref().and_then(Chosen::levels),
         };
-        let (merged, missing) = sweep.run(merged, report);
+        let Merged {
+            history: merged,
+            predicted,
+            missing,
+        } = sweep.run(merged, report);
+        let predicted = (chosen.zip(predicted)).map(|(chosen, luminances)| chosen.and(luminances));
         let first = before.is_none();
         let carried = before.map(|before| (before.evidence, before.lag, before.seen));
         let (evidence, lag, seen) = carried.unwrap_or_default();
@@ -325,6 +368,7 @@ impl Stage {
             alternation,
             evidence,
             lag,
+            predicted,
             seen,
             first,
         });
@@ -553,7 +597,8 @@ impl Taa {
         used.extend((catches_up && frame.emission.is_some()).then_some("emission"));
         let compares = params.material_change && frame.albedo.is_some();
         used.extend((compares && !tests.used().contains(&"albedo")).then_some("albedo"));
-        let compared = (source.filter(|_| params.choice))
+        let chooses_clip = params.clip_choice && params.innovation.is_some();
+        let compared = (source.filter(|_| params.choice || chooses_clip))
             .map(|source| Noise::compare(noise, source.samples, motion.pixels()));
         let (noise, repeats) = compared.unzip();
         let repeats = repeats.unwrap_or(false);
@@ -572,6 +617,7 @@ impl Taa {
                 correction: params.innovation,
                 weight: None,
                 others,
+                averaged: false,
             },
         };
         let sampled = &Frame {

@@ -2,6 +2,7 @@ from typing import NamedTuple
 
 import torch
 from torch import Tensor
+from torch.nn.functional import max_pool2d
 
 from .accumulate import accumulate, luminance
 from .atrous import atrous
@@ -20,6 +21,7 @@ from .repetition import Noise
 from .reproject import reproject
 from .taa import (
     PRESETS,
+    ClipChoice,
     Mixing,
     antialias,
     find_changed,
@@ -105,7 +107,7 @@ class SVGF:
         self.reset()
 
     def reset(self) -> None:
-        self.previous = self.antialiased = self.albedo = self.evidence = self.lag = self.rest = None
+        self.previous = self.antialiased = self.albedo = self.clipping = self.evidence = self.lag = self.rest = None
         self.choosing, self.mixing, self.noise = self.start_choosing(), Mixing(), Noise()
         self.repeats = False
 
@@ -245,7 +247,7 @@ class SVGF:
             change = light_change(frame.color, *reproject(before[0], motion, fallback=False))
             before = [before[0] * change, before[1]]  # (H, W, 3), (H, W)
             self.mixing.scale(change)
-        stage, bright, late = for_frame(stage, frame), exposure(smooth), None
+        stage, bright, late, clip = for_frame(stage, frame), exposure(smooth), None, None
         if self.innovation and before is not None:
             unlike = is_beside_lamps(frame, smooth, bright) | others  # (H, W)
 
@@ -255,9 +257,17 @@ class SVGF:
                 asks = {"evidence": self.lag, "motion": motion, "exposure": bright, "strictness": 4, "share": 0.7}
                 samples = weighed(frame.color, known, weight)  # (H, W, 3)
                 found, self.lag = innovation(samples, known, count, target=old, **asks)  # (H, W, 3), (h, w, 4)
-                return found, ~unlike & (covered > 0.9)
+                compared = ~unlike & (covered > 0.9)  # (H, W)
+                return found, compared, compared & ~near
 
-        given = frame.depth, still, None, others, late
+            near = max_pool2d(others.to(smooth)[None, None], 5, 1, 2)[0, 0] > 0  # (H, W)
+            if self.repeats:
+                self.clipping = None
+            elif stage["clip_choice"]:
+                self.clipping = clip = self.clipping or ClipChoice()
+                clip.judge(frame.color, motion, bright, change)
+
+        given = frame.depth, still, None, others, late, clip
         (color, length), *_ = antialias(stage, before, smooth, motion, *given)  # (H, W, 3), (H, W)
         shown = color.where(color.isfinite(), 0)  # (H, W, 3)
         if self.innovation and before is not None:

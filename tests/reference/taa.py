@@ -11,7 +11,7 @@ from .alternation import alternation
 from .anti_lag import anti_lag
 from .blend import blend
 from .blend_factor import blend_factor
-from .choice import levels
+from .choice import choice, compare_candidates, levels
 from .collocation import collocate, collocation_shares, of_all
 from .consistency import consistency
 from .depth_change import depth_change
@@ -56,6 +56,7 @@ TEXTBOOK = {
     "alternation": False,
     "material_change": False,
     "smooth_edges": False,
+    "clip_choice": False,
     "choice": False,
 }
 KARIS = TEXTBOOK | {
@@ -96,6 +97,7 @@ DENOISED = BEST | {
     "fast_alpha": 0.3,
     "guided_exposure": 16.0,
     "smooth_edges": True,
+    "clip_choice": True,
     "choice": True,
     "material_change": True,
 }
@@ -192,6 +194,7 @@ def antialias(
     tests: dict | None = None,
     others: Tensor | None = None,
     lag: Callable | None = None,
+    clip: "ClipChoice | None" = None,
 ) -> Antialiased:
     """Merge a colour into the history: dilate, reproject, clip, blend.
 
@@ -207,8 +210,9 @@ def antialias(
     still : (H, W, 3), the motion that the cameras cause, if it is known
     tests : of surfaces, as for `reproject`
     others : (H, W), where a denoiser found no history of the surface
-    lag : for a reprojected history (H, W, 3) and its coverage (H, W), its innovation (H, W, 3), and where samples were
-        compared with it (H, W)
+    lag : for a reprojected history (H, W, 3) and its coverage (H, W), its innovation (H, W, 3), where samples were
+        compared with it (H, W), and where, besides, no pixel nearby lacks history (H, W)
+    clip : tells where history is not clipped
     """
     tests = tests or {}
     memory = None
@@ -234,10 +238,13 @@ def antialias(
             old, length = moved.where(taken[..., None], old), age.where(taken, length)  # (H, W, 3), (H, W)
             coverage = seen.where(taken, coverage)  # (H, W)
     if lag is not None:
-        found, compared = lag(old, coverage)  # (H, W, 3), (H, W)
+        found, compared, steady = lag(old, coverage)  # (H, W, 3), (H, W), (H, W)
         nearer = correct(old, found)[0].maximum(old.minimum(color)).minimum(old.maximum(color))  # (H, W, 3)
         compared = compared & (found != 0).any(-1) & torch.cat([old, color], -1).isfinite().all(-1)  # (H, W)
-        old = nearer.where(compared[..., None], old)  # (H, W, 3)
+        nearer = nearer.where(compared[..., None], old)  # (H, W, 3)
+        moved = (luminance(nearer) - luminance(old)).abs()  # (H, W)
+        steady = steady & (moved <= 0.01 * (luminance(nearer) + exposure(color) / 16))  # (H, W)
+        old = nearer
     among = {name: settings[name] for name in ("box", "gamma", "window", "space", "response")}
     bright = exposure(color)
     clipped = clip_history(old, color, exposure=bright, **among)  # (H, W, 3)
@@ -246,6 +253,8 @@ def antialias(
         kept = [alternation(color, memory, exposure=bright)]  # (H, W, 7)
         hold = (kept[0][..., 6].nan_to_num() - 1).clamp(0, 1)  # (H, W)
         clipped = blend(old, clipped, hold)  # (H, W, 3)
+    if clip is not None:
+        clipped = clip.release(old, clipped, steady, bright)  # (H, W, 3)
     pace = {name: settings[name] for name in ("alpha", "fast_alpha", "speed")}
     length = anti_lag(length, old, clipped, strength=settings["anti_lag"])  # (H, W)
     if others is not None and history is not None:
@@ -260,8 +269,57 @@ def antialias(
     weights = {name: settings[name] for name in ("weighting", "flicker")}
     brighter = settings.get("brighter", 1.0)  # of the tone curve
     new = blend(color, clipped, share, exposure=brighter * bright, **weights)  # (H, W, 3)
+    if clip is not None:
+        clip.predict(new, share)
     length = counted.where(color.isfinite().all(-1), length)  # (H, W)
     return Antialiased([new, length, *kept], coverage, rejection)
+
+
+class ClipChoice:
+    """Tiles of 8x8 that leave history unclipped where that has predicted the samples of earlier frames better.
+
+    Attributes
+    ----------
+    predicted : (H, W, 3), luminances of the last result with the clip and without, and where its history was steady
+    evidence : (h, w, 4), as `choice` takes it
+    chosen : (h, w), 0 for the clip
+    """
+
+    def __init__(self):
+        self.predicted = self.evidence = self.chosen = None
+
+    def judge(self, samples: Tensor, motion: Tensor, bright: float, change: float) -> None:
+        """Choose, and compare the samples (H, W, 3) with the last result, whose light has all changed by a factor."""
+        if self.predicted is None:
+            return
+        fetched, coverage = reproject(self.predicted, motion, fallback=False)  # (H, W, 3), (H, W)
+        candidates, self.settled = change * fetched[..., :2], fetched[..., 2]  # (H, W, 2), (H, W)
+        if self.evidence is not None:
+            _, self.evidence = choice(self.evidence, motion, coverage)  # (h, w, 4)
+        fresh = samples.where((coverage > 0.9)[..., None], torch.nan)  # (H, W, 3)
+        self.evidence = compare_candidates(fresh, candidates, self.evidence, exposure=bright)  # (h, w, 4)
+        still, everywhere = torch.zeros_like(motion), torch.ones_like(coverage)  # (H, W, 2|3), (H, W)
+        self.chosen, _ = choice(self.evidence, still, everywhere, share=0)  # (h, w)
+
+    def release(self, old: Tensor, clipped: Tensor, steady: Tensor, bright: float) -> Tensor:
+        """The history (H, W, 3) between a clipped one and one before the clip, where that is steady (H, W)."""
+        apart = old - clipped  # (H, W, 3)
+        most = (luminance(clipped) + bright / 16) / 4  # (H, W)
+        off = luminance(apart).abs()  # (H, W)
+        limit = torch.where(off > most, most / off, 1)  # (H, W)
+        self.steady = steady & apart.isfinite().all(-1)  # (H, W)
+        apart = (limit[..., None] * apart).where(self.steady[..., None], 0)  # (H, W, 3)
+        level = torch.zeros_like(limit)  # (H, W)
+        if self.chosen is not None:
+            level = levels(self.chosen, level.shape) * self.settled  # (H, W)
+        self.level, self.apart = level, luminance(apart)  # (H, W) twice
+        return clipped + level[..., None] * apart
+
+    def predict(self, merged: Tensor, share: Tensor) -> None:
+        """Keep the luminances of a merged colour (H, W, 3) with the clip and without, for a blend factor (H, W)."""
+        light, apart = luminance(merged), self.apart * (1 - share)  # (H, W) twice
+        both = light - self.level * apart, light + (1 - self.level) * apart  # (H, W) twice
+        self.predicted = torch.stack([*both, self.steady.to(light)], -1)  # (H, W, 3)
 
 
 def shorten_others(length: Tensor, old: Tensor, clipped: Tensor, color: Tensor) -> Tensor:

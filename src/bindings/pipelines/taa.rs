@@ -94,6 +94,11 @@ use crate::pipelines::taa;
 ///     Show the result smoothed along its edges (`smooth_edges`; if there are `samples`, with the denoised colour as
 ///     `newest`, its exposure and `confidence`); history stays as it is. Edges of denoised frames, whose pixels show
 ///     either surface by chance, become straight. By default only preset "denoised" does this.
+/// clip_choice : bool, optional
+///     With the `samples` of denoised frames and `innovation`: tiles of 8×8 pixels leave their history unclipped where
+///     that would have predicted the samples of earlier frames better (see Notes). Where texture is as fine as the
+///     pixels, the colours around do not contain what a pixel shows on average. By default only preset "denoised" does
+///     this.
 /// choice : bool, optional
 ///     With the `samples` of denoised frames: each tile of 8×8 pixels mixes the result with the denoised colour and the
 ///     samples, by the weights that would have made the error of the frame before least (`collocate`,
@@ -129,7 +134,20 @@ use crate::pipelines::taa;
 /// `alternation`, `material_change`, `anti_lag`, `temporal_gradient` (``noise=2.2, passes=3, widest=5``), `blend`,
 /// `smooth_edges`. The weight of a pixel's N-th sample is at least 1/N. With a gradient λ, N is first shortened to
 /// N (1 - λ)¹⁰, and the weight a becomes ``lerp(a, 1, λ)``, as in `accumulate`. Preset "karis" follows Karis [1]_,
-/// "filament" Google's Filament [2]_; Yang et al. [3]_ survey the field. The presets set:
+/// "filament" Google's Filament [2]_; Yang et al. [3]_ survey the field.
+///
+/// With `clip_choice`, let h be the history and k the clipped history, l luminance, e a sixteenth of the exposure, a
+/// the blend factor before `weighting`, and s what the tiles choose, interpolated between their centres, times the
+/// share of the pixel's footprint in the frame before where d was not held at 0. Then k is moved by s d, ``d = (h -
+/// k) min(1, (l(k) + e) / (4 abs(l(h - k))))``. The next frame compares its samples with the luminances that the
+/// result has with the clip and without, ``l - s (1 - a) l(d)`` and ``l + (1 - s) (1 - a) l(d)``, fetched bilinearly
+/// without fallback, where their coverage is above 0.9 (`compare_candidates`, with candidate 0 as usual), and chooses
+/// by these and earlier samples (`choice` with its defaults). d is held at 0 where samples are not compared with
+/// history (see `samples` of `step`), where they have moved its luminance by more than a hundredth of that plus e,
+/// and up to two pixels along each axis from a `confidence` of 0. Samples that have the noise of the frame before
+/// (`repetition`) choose nothing.
+///
+/// The presets set:
 ///
 /// ===============  ==================  ==================  ==========  ==========  ===============
 /// parameter        best                denoised            textbook    karis       filament
@@ -151,6 +169,7 @@ use crate::pipelines::taa;
 /// weighting        "none"              "none"              "none"      "tone"      "tone"
 /// flicker          1                   1                   1           0.2         1
 /// smooth_edges     False               True                False       False       False
+/// clip_choice      False               True                False       False       False
 /// choice           False               True                False       False       False
 /// material_change  False               True                False       False       False
 /// ===============  ==================  ==================  ==========  ==========  ===============
@@ -183,7 +202,7 @@ impl TAA {
     #[pyo3(signature = (preset="best", *, alpha=None, fast_alpha=None, speed=None, unguided_alpha=None, guided_exposure=None, dilate=None, dilate_margin=None,
         dilate_movers=None, filter=None, r#box=None, gamma=None, window=None, space=None, response=None, weighting=None, flicker=None,
         relative_depth=None, plane_distance=None, normal_angle=None, relative_albedo=None, ids=false, fireflies=false, gradient=false, anti_lag=0.0, alternation=false,
-        material_change=None, innovation=false, smooth_edges=None, choice=None))]
+        material_change=None, innovation=false, smooth_edges=None, clip_choice=None, choice=None))]
     fn new(
         py: Python<'_>,
         preset: &str,
@@ -215,6 +234,7 @@ impl TAA {
         material_change: Option<bool>,
         innovation: bool,
         smooth_edges: Option<bool>,
+        clip_choice: Option<bool>,
         choice: Option<bool>,
     ) -> PyResult<PyClassInitializer<Self>> {
         /// Parses the mode, or keeps the preset's.
@@ -273,6 +293,7 @@ impl TAA {
             ..Default::default()
         });
         params.smooth_edges = smooth_edges.unwrap_or(params.smooth_edges);
+        params.clip_choice = clip_choice.unwrap_or(params.clip_choice);
         params.choice = choice.unwrap_or(params.choice);
         let inner = taa::Taa::new(params)?;
         Ok(Pipeline::made(Self { inner }))

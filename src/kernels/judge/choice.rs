@@ -106,16 +106,21 @@ pub fn choice(
     params: Params,
 ) -> (Image, Interleaved) {
     let carried = carry(evidence, motion, coverage, params.share);
+    (decide(carried.pixels(), usual, params), carried)
+}
+
+/// The choice of each tile by this evidence.
+pub(crate) fn decide(evidence: Pixels, usual: usize, params: Params) -> Image {
     let size = evidence.size;
     let mut chosen = Image::blank(size, 1);
-    let frame = whole(carried.pixels());
+    let frame = whole(evidence);
     let decide = Decide {
-        evidence: carried.pixels(),
+        evidence,
         usual: cheapest(&frame, 1.0, usual, params.frame_strictness),
         strictness: params.strictness,
     };
     rows::run(&decide, size.height, chosen.bands());
-    (chosen, carried)
+    chosen
 }
 
 /// Adds what a frame's samples say of the candidates to the evidence.
@@ -138,7 +143,7 @@ pub fn compare(
 }
 
 /// Evidence of the frames before, where the tiles are now, of which `share` decays.
-pub(super) fn carry(evidence: Pixels, motion: Pixels, coverage: View, share: f32) -> Interleaved {
+pub(crate) fn carry(evidence: Pixels, motion: Pixels, coverage: View, share: f32) -> Interleaved {
     let size = evidence.size;
     let carry = Carry {
         evidence,

@@ -109,6 +109,12 @@ impl<'a> Kernel for Compare<'a> {
                 let own = self.now.run(0, run);
                 let differing = &mut differing.row(0, y)[run.x..][..run.len];
                 for (i, differs) in differing.iter_mut().enumerate() {
+                    // Mostly the first texel tells.
+                    let (at, weight) = (footprints.at[i] as usize, footprints.weights[0][i]);
+                    if weight >= MIN_COVERAGE && self.same(own[i], self.before[at]) {
+                        *differs = 0.0;
+                        continue;
+                    }
                     let found = footprints.taps(i, |at| self.same(own[i], self.before[at]));
                     let known = footprints.coverage[i] >= MIN_COVERAGE;
                     *differs = f32::from(known && found.weight() < MIN_COVERAGE);

@@ -64,7 +64,10 @@ pub fn finish(
         let motion = seen.unwrap_or(now.motion.pixels());
         let corrects = now.params.history.innovation.is_some();
         let others = Others::by_confidence(confidence);
-        let input = Input::denoised(color.pixels(), corrects, now.repeats, others);
+        let input = Input {
+            averaged: now.averages && now.frame.albedo.is_none(),
+            ..Input::denoised(color.pixels(), corrects, now.repeats, others)
+        };
         stage.show(&frame, now.before.as_ref(), motion, input, show);
     }
 }

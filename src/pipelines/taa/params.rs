@@ -58,6 +58,9 @@ pub struct Params {
     pub innovation: Option<innovation::Params>,
     /// Whether what is shown is smoothed along its edges; history is not.
     pub smooth_edges: bool,
+    /// Whether tiles of a denoised colour's history that samples correct choose between the clip and none, by what has predicted
+    /// the frames before better.
+    pub clip_choice: bool,
     /// Whether the result of a denoised colour is mixed with it and the samples before it, as these tell tile by tile.
     pub choice: bool,
 }
@@ -194,6 +197,7 @@ impl Params {
         material_change: false,
         innovation: None,
         smooth_edges: false,
+        clip_choice: false,
         choice: false,
     };
 
@@ -268,6 +272,7 @@ impl Params {
     pub const DENOISED: Self = Self {
         dilate_movers: false,
         smooth_edges: true,
+        clip_choice: true,
         choice: true,
         material_change: true,
         clip: neighborhood::Params {

@@ -1,12 +1,13 @@
 //! The fused sweep of temporal antialiasing, from dilated motion to merged history.
 //!
 //! For a run of pixels at a time, in the first-level cache:
-//!   dilate → reproject → (catch up) → clip → (hold) → (anti-lag) → (anti-lag for others) → blend factor → (flicker) → blend,
+//!   dilate → reproject → (catch up) → clip → (hold) → (release) → (anti-lag) → (anti-lag for others) → blend factor
+//!     → (flicker) → blend,
 //! each as its kernel defines it. With N the samples in the reprojected history, λ the temporal gradient, α what
 //! `blend_factor` gives and α₀ its least:
 //!   N ← N (1 − λ)¹⁰,  N ← min(N + 1, 1/α₀),  a = lerp(max(α, 1/N), 1, λ).
 //! So the first samples are averaged equally until 1/N reaches α₀. Where the colours of neighbourhoods alternate, part of
-//! the history escapes the clip ([`hold`]).
+//! the history escapes the clip ([`hold`]), and so it does in tiles where it has predicted better without ([`super::release`]).
 //!
 //! Beside an object that moves by itself, dilation may leave its motion out. The history of its edge is then lost, which shows
 //! where the object is much brighter or darker than what it passes. So both are fetched, and that along the object's motion
@@ -18,18 +19,21 @@
 //! keep theirs: they lie beside an edge, which it antialiases.
 //!
 //! Inputs: colour (3), motion (2 or 3), depth (1, optional), history (4: colour, N), its lag (optional), λ (1, optional), count
-//! of returns (1, optional), confidence of a denoiser (1, optional). Outputs: history (4); colour (3), black where no sample was ever seen;
-//! N, coverage and rejection, optional.
+//! of returns (1, optional), confidence of a denoiser (1, optional), what tiles choose (1, optional; of an eighth of the size).
+//! Outputs: history (4); colour (3), black where no sample was ever seen; two luminances and steadiness (3, optional); N, coverage and
+//! rejection, optional.
 
 use std::ops::Range;
 
 use super::Params;
 use super::lag::Lag;
+use super::release::PREDICTED;
 use crate::image::{Interleaved, Pixels, Run, SEGMENT, View, deinterleave, segments};
 use crate::kernels::camera::dilate::{Choice, Dilation};
 use crate::kernels::fetch::reproject::{Fetch, Fetched};
 use crate::kernels::judge::alternation::hold;
 use crate::kernels::judge::anti_lag;
+use crate::kernels::judge::choice::Levels;
 use crate::kernels::judge::neighborhood::Window;
 use crate::kernels::merge::accumulate::{count_missing, load_shares, shorten};
 use crate::kernels::merge::blend::{Weighting, mix, reduce_flicker, weigh_by_local_tone};
@@ -51,6 +55,10 @@ const APART: f32 = 0.05;
 /// to the temporal error of `passer_by` and `shallow_focus`.
 const OTHERS: f32 = 8.0;
 
+/// History that is not clipped differs from clipped history by no more than this share of its luminance: what differs by more is
+/// rather another light. With 1, a lamp's reflections cost `glossy_plates` 5 % relMSE.
+const APART_BY: f32 = 0.25;
+
 pub struct Sweep<'a> {
     pub params: Params,
     pub color: Pixels<'a>,
@@ -64,45 +72,75 @@ pub struct Sweep<'a> {
     pub returns: Option<Pixels<'a>>,
     /// 0 where a denoiser found no history of the surface.
     pub confidence: Option<View<'a>>,
+    /// Whether tiles choose between the clip and none.
+    pub predicts: bool,
+    /// What they choose, 0 or 1, and how steady history was in the frame before; none for the clip.
+    pub chosen: Option<[View<'a>; 2]>,
+}
+
+/// What a sweep leaves.
+pub struct Merged {
+    /// The new history.
+    pub history: Interleaved,
+    /// Luminances with the clip and without, and where history is steady, if tiles choose.
+    pub predicted: Option<Interleaved>,
+    /// The number of missing samples.
+    pub missing: usize,
 }
 
 /// A band of the outputs.
 pub struct Outs<'a> {
     history: PixelsMut<'a>,
     merged: PixelsMut<'a>,
+    predicted: Option<PixelsMut<'a>>,
     missing: &'a mut usize,
     report: Option<Report<'a>>,
 }
 
 impl Sweep<'_> {
-    /// Writes the merged colour and the report. Returns the new history and the number of missing samples.
+    /// Writes the merged colour and the report.
     pub fn run<'a>(
         &self,
         merged: impl Iterator<Item = PixelsMut<'a>>,
         report: Option<Vec<Report>>,
-    ) -> (Interleaved, usize) {
+    ) -> Merged {
         let size = self.color.size;
         let mut history = Interleaved::blank(size, CHANNELS);
+        let mut predicted = (self.predicts).then(|| Interleaved::blank(size, PREDICTED));
+        let predictions = predicted.as_mut().map(Interleaved::pixels_mut);
         let mut missing = vec![0; size.height.div_ceil(BAND)];
         let outs = history
             .pixels_mut()
             .zip(merged)
+            .zip(rows::optional(predictions))
             .zip(&mut missing)
             .zip(rows::optional(report.map(Vec::into_iter)))
-            .map(|(((history, merged), missing), report)| Outs {
+            .map(|((((history, merged), predicted), missing), report)| Outs {
                 history,
                 merged,
+                predicted,
                 missing,
                 report,
             });
         let jobs = rows::tall_jobs(size.height, self.params.clip.radius as usize, outs);
         rows::run_jobs(self, jobs);
-        (history, missing.iter().sum())
+        Merged {
+            history,
+            predicted,
+            missing: missing.iter().sum(),
+        }
     }
 
     /// Clips the history of a run except where colours alternate, and shortens it where it was clipped.
     #[inline(always)]
-    fn clip(&self, run: Run, motion: MotionRun, window: &mut Window, past: &mut Past) {
+    fn clip(
+        &self,
+        run: Run,
+        motion: MotionRun,
+        window: &mut Window,
+        steady: &[bool],
+        past: &mut Past,
+    ) {
         let unclipped = past.color;
         window.clip(run, &mut past.color);
         if let Some(returns) = &self.returns {
@@ -113,11 +151,45 @@ impl Sweep<'_> {
             let held = &mut past.color;
             mix(before, &clipped, &holds, Weighting::None, 1.0, held);
         }
+        if self.predicts {
+            self.release(run, &unclipped, steady, past);
+        }
         if self.params.anti_lag > 0.0 {
             let length = &mut past.length[..run.len];
             anti_lag::shorten(length, &unclipped, &past.color, self.params.anti_lag);
         }
         self.shorten_others(run, motion, &unclipped, window, past);
+    }
+
+    /// Leaves as much of a run's history unclipped as its tiles choose, where it is steady. Keeps l(d).
+    #[inline(always)]
+    fn release(&self, run: Run, unclipped: &[Row; 3], steady: &[bool], past: &mut Past) {
+        let levels = &mut past.level[..run.len];
+        match self.chosen {
+            Some([chosen, steady]) => {
+                Levels(chosen).read(run, levels);
+                for (level, steady) in levels.iter_mut().zip(steady.run(0, run)) {
+                    *level *= steady;
+                }
+            }
+            None => levels.fill(0.0),
+        }
+        let black = black_level(self.params.clip.exposure);
+        for i in 0..run.len {
+            let clipped = past.color.each_ref().map(|row| row[i]);
+            let apart: Color = std::array::from_fn(|c| unclipped[c][i] - clipped[c]);
+            let [light, bright] = [clipped, apart].map(|[r, g, b]| luminance(r, g, b));
+            let (most, off) = (APART_BY * (light + black), bright.abs());
+            let limit = if off > most { most / off } else { 1.0 };
+            let apart = apart.map(|value| value * limit);
+            let released = steady[i] & is_present(apart);
+            let apart = if released { apart } else { [0.0; 3] };
+            for (row, apart) in past.color.iter_mut().zip(apart) {
+                row[i] += levels[i] * apart;
+            }
+            past.apart[i] = luminance(apart[0], apart[1], apart[2]);
+            past.steady[i] = f32::from(released);
+        }
     }
 
     /// Shortens history of other surfaces than a denoiser's.
@@ -193,6 +265,7 @@ impl<'a> Kernel for Sweep<'a> {
         let mut own_motion = MotionLanes::zeroed();
         let (mut factors, mut merged) = ([0.0; SEGMENT], [[0.0; SEGMENT]; 3]);
         let mut lag = self.lag.map(|lag| (lag, lag.line()));
+        let mut steady = [false; SEGMENT];
         for y in rows.clone() {
             let first = y == rows.start;
             if let Some((lag, line)) = &mut lag {
@@ -208,12 +281,14 @@ impl<'a> Kernel for Sweep<'a> {
                 past.fetch(run, motion, self.fetch.as_ref());
                 past.follow_movers(run, motion, self.fetch.as_ref(), &window, clip.exposure);
                 if let Some((lag, line)) = &mut lag {
-                    let (new, coverage) = (window.colors.own(run), &past.coverage);
-                    lag.catch_up(run, line, new, coverage, self.confidence, &mut past.color);
+                    let (new, steady) = (window.colors.own(run), &mut steady[..run.len]);
+                    let (coverage, history) = (&past.coverage, &mut past.color);
+                    lag.catch_up(run, line, new, coverage, self.confidence, history, steady);
                 }
-                self.clip(run, motion, &mut window, &mut past);
+                self.clip(run, motion, &mut window, &steady, &mut past);
                 let colors = window.colors.own(run);
                 self.blend_factors(run, colors, motion, &mut past, &mut factors);
+                past.weigh_apart(&factors);
                 let old = &past.color;
                 if blend.flicker < 1.0 {
                     reduce_flicker(&window.colors, run, old, blend.flicker, &mut factors);
@@ -223,6 +298,9 @@ impl<'a> Kernel for Sweep<'a> {
                     weigh_by_local_tone(&window.colors, run, old, bright, &mut factors);
                 }
                 mix(colors, old, &factors, weighting, bright, &mut merged);
+                if let Some(predicted) = &mut out.predicted {
+                    predicted.write(run, &past.predict(&merged));
+                }
                 *out.missing += count_missing(colors.map(|row| &row[..run.len]));
                 out.write(run, &past, &mut merged);
             }
@@ -241,6 +319,10 @@ struct Past<'a> {
     length: Row,
     coverage: Row,
     rejection: [u8; SEGMENT],
+    /// Where tiles choose between the clip and none: s, l(d), and 1 where d may differ from 0.
+    level: Row,
+    apart: Row,
+    steady: Row,
 }
 
 impl<'a> Past<'a> {
@@ -261,7 +343,31 @@ impl<'a> Past<'a> {
             length: [0.0; SEGMENT],
             coverage: [0.0; SEGMENT],
             rejection: [0; SEGMENT],
+            level: [0.0; SEGMENT],
+            apart: [0.0; SEGMENT],
+            steady: [0.0; SEGMENT],
         }
+    }
+
+    /// Turns l(d) into (1 − a) l(d).
+    #[inline(always)]
+    fn weigh_apart(&mut self, factors: &Row) {
+        for (apart, factor) in self.apart.iter_mut().zip(factors) {
+            *apart *= 1.0 - factor;
+        }
+    }
+
+    /// The luminances of a result with the clip and without, and where it is steady.
+    #[inline(always)]
+    fn predict(&self, [r, g, b]: &[Row; 3]) -> [Row; PREDICTED] {
+        let mut predicted = [[0.0; SEGMENT], [0.0; SEGMENT], self.steady];
+        for i in 0..SEGMENT {
+            let light = luminance(r[i], g[i], b[i]);
+            let (level, apart) = (self.level[i], self.apart[i]);
+            predicted[0][i] = light - level * apart;
+            predicted[1][i] = light + (1.0 - level) * apart;
+        }
+        predicted
     }
 
     /// Reprojects a run along its dilated motion; zeros in a first frame.

@@ -65,7 +65,7 @@ class Ablation:
 
 
 #: What the output stage has of a frame.
-_GUIDES = ("depth", "position", "camera", "jitter", "albedo", "normal", "ids")
+_GUIDES = ("depth", "position", "camera", "jitter", "albedo", "emission", "normal", "ids")
 #: The options of an output stage that the samples correct, as in SVGF.
 _CORRECTED: dict[str, Any] = {"innovation": True, "choice": True}
 
@@ -166,7 +166,8 @@ ABLATIONS = (
     _ablation(_SVGF, "confidence in the output stage", _antialiased(**_CORRECTED, confidence=False)),
     _ablation(_SVGF, "weights by tone", _antialiased(**_CORRECTED, guided_exposure=0.0)),
     _stage("dilation", dilate="none"),
-    _stage("clip", gamma=_ENDLESS),
+    _ablation(_SVGF, "clip", _antialiased(**_CORRECTED, gamma=_ENDLESS)),
+    _ablation(_SVGF, "choice of the clip", _antialiased(**_CORRECTED, clip_choice=False)),
     _stage("cubic history", filter="bilinear"),
     _stage("tone-mapped box", space="ycocg"),
     _stage("share without guides", unguided_alpha=0.0),

@@ -20,7 +20,6 @@ LIMITS = {"psnr": 0.1, "relmse": 0.02, "flip": 0.02, "temporal_error": 0.02}
 EXCEPTIONS: dict[tuple[str, str], str] = {
     ("SVGF - antialiasing", "passing_day"): "edges gain more than what lags behind moving light loses",
     ("SVGF - clip", "neon_corridor"): "wrong history is kept out; features as thin as a pixel lose contrast",
-    ("SVGF - clip", "glass_shelf"): "wrong history is kept out; what glass shows lags less and is noisier",
     ("SVGF - tone-mapped box", "cornell_box"): "outliers do not widen the box; dark places lose a little",
 }
 
