@@ -14,7 +14,7 @@ use super::fetch::validate::{self, Surface, Tests, Threshold};
 use super::fetch::{claims, invert, pull_push, reproject, splat};
 use super::judge::{
     alternation, anti_lag, blend_factor, choice, collocation, consistency, disocclusion, exposure,
-    gradient, innovation, light_change, neighborhood, prediction, thin_features,
+    gradient, innovation, light_change, material_change, neighborhood, prediction, thin_features,
 };
 use super::merge::{accumulate, blend, combine, recirculate, resample, resolve};
 use super::smooth::guide::{Guide, Sigmas};
@@ -424,6 +424,13 @@ proptest! {
         shares(&written!(size, 1, |thin| thin_features::thin_features(color.pixels(), similarity, thin)))?;
         let share = draw.of(&SHARES);
         shares(&written!(size, 1, |hidden| disocclusion::disocclusion(depth.view(), motion.pixels(), share, hidden)))?;
+
+        let params = material_change::Params {
+            relative_luminance: draw.of(&FROM_0), share: draw.of(&SHARES), radius: draw.of(&[0, 1, 16]),
+        };
+        if let Some(changed) = material_change::material_change(depth.view(), length.view(), motion.pixels(), params) {
+            shares(changed.plane(0))?;
+        }
 
         let memory = draw.wild(alternation::CHANNELS);
         let known = alternation::Known { memory: memory.pixels(), coverage: Some(coverage.view()) };

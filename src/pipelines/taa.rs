@@ -1,8 +1,8 @@
 //! Temporal antialiasing, as a list of this library's kernels:
 //!
 //!   (motion from cameras) → (suppress fireflies) → (resolve the jittered sample) → (change of light) → (change of material)
-//!     → (expose) → (lag) → (temporal gradient) → (alternation) → dilate → reproject → (catch up) → clip → (anti-lag) → blend
-//!     → (innovation) → (smooth edges) → (mix)
+//!     → (expose) → (lag) → (choice of the clip) → (temporal gradient) → (alternation) → dilate → reproject → (catch up) → clip
+//!     → (anti-lag) → blend → (innovation) → (smooth edges) → (mix)
 //!
 //! From dilation to blend the kernels run in one fused pass ([`sweep`]). The temporal gradient looks at larger windows and
 //! alternation has a history of its own, so both run before it and reproject for themselves.
@@ -11,18 +11,18 @@
 //! that would refuse what antialiases it. The neighbourhood's colours decide instead. Tests can be switched on for
 //! sequences in which another surface's history has the neighbourhood's colours and would pass.
 
+mod clip_choice;
 mod lag;
 mod mix;
 mod params;
-mod release;
 mod sweep;
 
 use std::ops::Range;
 
+use self::clip_choice::{Chosen, Predicted};
 use self::lag::Lag;
 use self::mix::{Seen, mix};
 pub use self::params::{Limits, Params};
-use self::release::{Chosen, Predicted};
 use self::sweep::{Merged, Sweep};
 use super::correction::{correct, scale};
 use super::frame::{

@@ -42,9 +42,9 @@ pub const PARAMS: innovation::Params = innovation::Params {
 pub const COVERED: f32 = 0.9;
 
 /// Steady history moves by no more than this share of its luminance. Without the test, `television` loses 3 % relMSE where its
-/// light changes; with 0.1 %, `carousel` gains half as much by [`super::release`].
+/// light changes; with 0.1 %, `carousel` gains half as much by [`super::clip_choice`].
 const STEADY: f32 = 0.01;
-/// Distance in pixels from those without history. With 0, `passer_by` loses 3 % relMSE by [`super::release`].
+/// Distance in pixels from those without history. With 0, `passer_by` loses 3 % relMSE by [`super::clip_choice`].
 const NEAR: usize = 2;
 
 /// Marks of pixels: the samples are not compared with history, whatever its surface; a pixel near lacks history.

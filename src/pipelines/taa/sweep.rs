@@ -7,7 +7,8 @@
 //! `blend_factor` gives and α₀ its least:
 //!   N ← N (1 − λ)¹⁰,  N ← min(N + 1, 1/α₀),  a = lerp(max(α, 1/N), 1, λ).
 //! So the first samples are averaged equally until 1/N reaches α₀. Where the colours of neighbourhoods alternate, part of
-//! the history escapes the clip ([`hold`]), and so it does in tiles where it has predicted better without ([`super::release`]).
+//! the history escapes the clip ([`hold`]), and so it does in tiles where it has predicted better without
+//! ([`super::clip_choice`]).
 //!
 //! Beside an object that moves by itself, dilation may leave its motion out. The history of its edge is then lost, which shows
 //! where the object is much brighter or darker than what it passes. So both are fetched, and that along the object's motion
@@ -26,8 +27,8 @@
 use std::ops::Range;
 
 use super::Params;
+use super::clip_choice::PREDICTED;
 use super::lag::Lag;
-use super::release::PREDICTED;
 use crate::image::{Interleaved, Pixels, Run, SEGMENT, View, deinterleave, segments};
 use crate::kernels::camera::dilate::{Choice, Dilation};
 use crate::kernels::fetch::reproject::{Fetch, Fetched};
