@@ -17,7 +17,7 @@ use crate::image::{BandMut, Image, Pixels, View, segments};
 use crate::kernels::fetch::footprint::{Footprints, MIN_COVERAGE};
 use crate::kernels::fetch::validate::Tests;
 use crate::pixels::MotionLanes;
-use crate::rows::{self, Kernel, Simd};
+use crate::rows::{self, BAND, Kernel, Simd};
 
 /// What counts as a change.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -54,7 +54,7 @@ impl Params {
     }
 }
 
-/// Where the material has changed. None if no pixel differs.
+/// Where the material has changed; none if it has nowhere.
 pub fn material_change(now: View, before: View, motion: Pixels, params: Params) -> Option<Image> {
     let size = now.size;
     let mut differing = Image::blank(size, 1);
@@ -64,8 +64,9 @@ pub fn material_change(now: View, before: View, motion: Pixels, params: Params) 
         motion,
         relative_luminance: params.relative_luminance,
     };
-    rows::run(&compare, size.height, differing.bands());
-    if differing.plane(0).iter().all(|&differs| differs == 0.0) {
+    let mut some = vec![false; size.height.div_ceil(BAND)];
+    rows::run(&compare, size.height, differing.bands().zip(&mut some));
+    if !some.contains(&true) {
         return None;
     }
     let mut changed = Image::blank(size, 1);
@@ -73,9 +74,12 @@ pub fn material_change(now: View, before: View, motion: Pixels, params: Params) 
         differing: differing.view(),
         params,
     };
-    rows::run(&gather, size.height, changed.bands());
-    Some(changed)
+    rows::run(&gather, size.height, changed.bands().zip(&mut some));
+    some.contains(&true).then_some(changed)
 }
+
+/// A band of an output, and whether any of its pixels is 1.
+type Marks<'a> = (BandMut<'a>, &'a mut bool);
 
 /// Writes 1 where a pixel differs.
 struct Compare<'a> {
@@ -96,10 +100,11 @@ impl Compare<'_> {
 }
 
 impl<'a> Kernel for Compare<'a> {
-    type Out = BandMut<'a>;
+    type Out = Marks<'a>;
 
     #[inline(always)]
-    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut differing: BandMut<'a>) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, (mut differing, some): Marks<'a>) {
+        *some = false;
         let size = self.now.size;
         let (mut lanes, mut footprints) = (MotionLanes::zeroed(), Footprints::new(size));
         for y in rows {
@@ -117,7 +122,9 @@ impl<'a> Kernel for Compare<'a> {
                     }
                     let found = footprints.taps(i, |at| self.same(own[i], self.before[at]));
                     let known = footprints.coverage[i] >= MIN_COVERAGE;
-                    *differs = f32::from(known && found.weight() < MIN_COVERAGE);
+                    let apart = known && found.weight() < MIN_COVERAGE;
+                    *differs = f32::from(apart);
+                    *some |= apart;
                 }
             }
         }
@@ -131,10 +138,11 @@ struct Gather<'a> {
 }
 
 impl<'a> Kernel for Gather<'a> {
-    type Out = BandMut<'a>;
+    type Out = Marks<'a>;
 
     #[inline(always)]
-    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut changed: BandMut<'a>) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, (mut changed, some): Marks<'a>) {
+        *some = false;
         let Params { radius, share, .. } = self.params;
         let (height, width) = (self.differing.size.height, self.differing.size.width);
         let (mut columns, mut sums) = (vec![], vec![0.0; width]);
@@ -150,7 +158,9 @@ impl<'a> Kernel for Gather<'a> {
             let down = inside(y, height);
             for (x, changed) in out.iter_mut().enumerate() {
                 let least = share * (down * inside(x, width)) as f32;
-                *changed = f32::from(own[x] > 0.0 && sums[x] > least);
+                let has_changed = own[x] > 0.0 && sums[x] > least;
+                *changed = f32::from(has_changed);
+                *some |= has_changed;
             }
         }
     }
