@@ -23,9 +23,10 @@ use crate::kernels::judge::choice::{self, carry, compare, decide};
 use crate::pipelines::correction::scale;
 use crate::pixels::{Colors, Row};
 
-/// Luminances of the result with the clip and without, and whether its history was steady.
-pub const PREDICTED: usize = 3;
-const STEADY: usize = 2;
+/// Luminances of the result: with the clip and without.
+const CANDIDATES: usize = 2;
+/// These, and whether history was steady.
+pub const PREDICTED: usize = CANDIDATES + 1;
 
 /// What the next frame needs to choose.
 pub struct Predicted {
@@ -64,7 +65,7 @@ impl Chosen {
         let carried =
             (before.evidence).map(|known| carry(known.pixels(), motion, coverage, params.share));
         let mut evidence = carried.unwrap_or_else(|| {
-            Interleaved::new(choice::tiles(samples.size), choice::channels(STEADY))
+            Interleaved::new(choice::tiles(samples.size), choice::channels(CANDIDATES))
         });
         let candidates = [0, 1].map(|candidate| fetched.channels(candidate..candidate + 1));
         let fresh = Covered { samples, coverage };
@@ -79,7 +80,7 @@ impl Chosen {
     /// What the tiles choose, and how steady history was in the frame before, from 0 to 1.
     pub fn levels(&self) -> Option<[View<'_>; 2]> {
         let (tiles, fetched) = (self.tiles.as_ref()?, self.fetched.as_ref()?);
-        Some([tiles.view(), fetched.channels(STEADY..PREDICTED)])
+        Some([tiles.view(), fetched.channels(CANDIDATES..PREDICTED)])
     }
 
     /// With what the frame predicts.
