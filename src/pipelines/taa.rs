@@ -100,8 +100,8 @@ pub(crate) struct Input<'a> {
     /// By how much of its difference from the result each sample counts then, if not all count wholly.
     pub weight: Option<View<'a>>,
     pub others: Others<'a>,
-    /// Whether what is shown is mixed with the mean of all samples. History that is not clipped is nearly such a mean, of fewer
-    /// samples, which its difference from the other would not tell: the clip always holds.
+    /// Whether what is shown is mixed with the mean of all samples. History that is not clipped is nearly the mean of the last
+    /// ones. That both are alike would be taken for a sign that both are right, so the clip always holds.
     pub averaged: bool,
 }
 
@@ -244,7 +244,7 @@ impl Stage {
         }
     }
 
-    /// The confidence, by default 1, where the material is that of the frame before, else 0. None if it is everywhere.
+    /// The confidence, by default 1, where the material is that of the frame before, else 0. None if no material has changed.
     fn known_materials(
         &mut self,
         albedo: Option<Pixels>,

@@ -10,8 +10,9 @@
 //! nor on lamps, other bright pixels ([`BRIGHT`]) and the sky, and one pixel around: beside these the edges are antialiased,
 //! which makes them differ from single samples even where nothing changes. History there stays as it is.
 //!
-//! It is steady where it is compared, moves by no more than [`STEADY`] of its luminance plus e/16, and no pixel up to [`NEAR`] away
-//! along each axis lacks history according to the denoiser: what an object uncovers has its colours at the edge.
+//! History is steady where it is compared, where this moves its luminance by no more than [`STEADY`] of that plus e/16, and where
+//! the denoiser found history for all pixels up to [`NEAR`] away along each axis: beside what an object uncovers, the antialiased
+//! edge still has the object's colours.
 //!
 //! Inputs: history (4: colour, N), motion (2 or 3), samples (3), new colour (3), emission (3, optional), depth (1, optional),
 //! confidence of the denoiser (1, optional). Outputs: the lag; evidence for the next frame (4, half size).
@@ -44,11 +45,13 @@ pub const COVERED: f32 = 0.9;
 /// Steady history moves by no more than this share of its luminance. Without the test, `television` loses 3 % relMSE where its
 /// light changes; with 0.1 %, `carousel` gains half as much by [`super::clip_choice`].
 const STEADY: f32 = 0.01;
-/// Distance in pixels from those without history. With 0, `passer_by` loses 3 % relMSE by [`super::clip_choice`].
+/// Distance in pixels from those without history. With 0, `passer_by` gains nothing by [`super::clip_choice`], and `confetti` a
+/// quarter less.
 const NEAR: usize = 2;
 
-/// Marks of pixels: the samples are not compared with history, whatever its surface; a pixel near lacks history.
+/// Marks a pixel whose samples are not compared with history, whatever its surface.
 const UNLIKE: u8 = 1;
+/// Marks a pixel near one without history.
 const UNSTEADY: u8 = 2;
 
 /// Luminance, in times of the exposure, above which a pixel may show a lamp. With 16, `cornell_box` without emission has 11 %
@@ -58,7 +61,7 @@ const BRIGHT: f32 = 6.0;
 /// By how much the history lags: what new samples show to be wrong with it.
 pub struct Lag {
     found: Innovation,
-    /// [`UNLIKE`] and [`UNSTEADY`].
+    /// Sums of [`UNLIKE`] and [`UNSTEADY`].
     marks: Image<u8>,
     black: f32,
 }

@@ -21,8 +21,8 @@
 //!
 //! Inputs: colour (3), motion (2 or 3), depth (1, optional), history (4: colour, N), its lag (optional), λ (1, optional), count
 //! of returns (1, optional), confidence of a denoiser (1, optional), what tiles choose (1, optional; of an eighth of the size).
-//! Outputs: history (4); colour (3), black where no sample was ever seen; two luminances and steadiness (3, optional); N, coverage and
-//! rejection, optional.
+//! Outputs: history (4); colour (3), black where no sample was ever seen; two luminances and steadiness (3, optional); N,
+//! coverage and rejection, optional.
 
 use std::ops::Range;
 
@@ -56,8 +56,8 @@ const APART: f32 = 0.05;
 /// to the temporal error of `passer_by` and `shallow_focus`.
 const OTHERS: f32 = 8.0;
 
-/// History that is not clipped differs from clipped history by no more than this share of its luminance: what differs by more is
-/// rather another light. With 1, a lamp's reflections cost `glossy_plates` 5 % relMSE.
+/// History that is not clipped differs from clipped history by no more than this share of its luminance, so that tiles that choose
+/// wrongly err little. With 1, `caustics` gains another 0.07 dB, and `glossy_plates` loses 0.3 % relMSE instead of 0.2 %.
 const APART_BY: f32 = 0.25;
 
 pub struct Sweep<'a> {
